@@ -8,6 +8,7 @@
 #   make lint    style, format, types and layers
 #   make bench   how long users wait, and how large the house is
 #   make pictures  the pictures of docs/, drawn anew; needs chromium
+#   make reference  docs/reference/commands.md and the tables of keys, from the code
 #   make torture the tests by garbage, kills, signals and faults with larger numbers; takes hours
 #
 # PYTHON names the interpreter that the environment is made with (3.11 or newer), VENV where it
@@ -26,7 +27,7 @@ unexport PYTHONDONTWRITEBYTECODE
 COMPILE := $(BIN)/python -m compileall -q app campaigns drivers sim pkmcal.py
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
-.PHONY: demo test quick long peers lint bench pictures torture
+.PHONY: demo test quick long peers lint bench pictures reference torture
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
@@ -55,6 +56,9 @@ lint: $(VENV)/installed-dev
 		$(BIN)/$$check || failed=1; \
 	done; \
 	exit $$failed
+
+reference: $(VENV)/installed-dev
+	$(BIN)/python docs/make_reference.py
 
 pictures: $(VENV)/installed-dev
 	$(BIN)/python docs/pictures/make_dry_run.py

@@ -62,10 +62,17 @@ COUNTS = ("no", "one", "two", "three", "four", "five", "six")
 class Tolerance(FileModel):
     """Largest believable change of a parameter from its nominal value."""
 
-    length_mm: float = Field(default=10.0, gt=0.0, description="of a length or place, mm")
-    angle_deg: float = Field(default=5.0, gt=0.0, description="of an angle, deg")
-
-    ratio_ppm: float = Field(default=10000.0, gt=0.0, description="of a ratio, ppm")
+    length_mm: float = Field(
+        default=10.0,
+        gt=0.0,
+        description="the largest change of a length or place that load takes, mm",
+    )
+    angle_deg: float = Field(
+        default=5.0, gt=0.0, description="the largest change of an angle that load takes, deg"
+    )
+    ratio_ppm: float = Field(
+        default=10000.0, gt=0.0, description="the largest change of a ratio that load takes, ppm"
+    )
 
     def of(self, parameter: Parameter) -> float:
         """Limit for a parameter, in its file unit."""

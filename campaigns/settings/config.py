@@ -30,9 +30,7 @@ class CampaignConfig(yaml_file.FileModel):
 
     name: str = Field(min_length=1, description="the campaign's name")
     identity: str = Field(
-        default="",
-        max_length=64,
-        description="what tells its journal from those of other campaigns; leave it as it is",
+        default="", max_length=64, description="the mark of its journal; leave it as it is"
     )
     robot: str = Field(
         default="robot.yaml",
@@ -50,7 +48,7 @@ class CampaignConfig(yaml_file.FileModel):
     known_lengths: tuple[sections.KnownLengthConfig, ...] = Field(
         default=(),
         max_length=100,
-        description="calibrated lengths that tell the tracker's scale: name, length_mm, std_mm and "
+        description="calibrated lengths that show the tracker's scale: name, length_mm, std_mm and "
         "pairs of the set known-length, or the two nests at its ends",
     )
     reference_temperature_degC: float = Field(

@@ -72,13 +72,13 @@ class ControllerConfig(FileModel):
 class TrackerLimitsConfig(FileModel):
     """The largest errors that the tracker's data sheet allows: a constant and a part per metre."""
 
-    along_um: LimitUm = Field(default=10.0, description="along the beam, µm")
+    along_um: LimitUm = Field(default=10.0, description="the limit along the beam, µm")
     along_um_per_m: LimitPerMetre = Field(
-        default=0.3, description="along the beam, µm more for each metre"
+        default=0.3, description="its increase per metre of distance, µm"
     )
-    across_um: LimitUm = Field(default=15.0, description="across the beam, µm")
+    across_um: LimitUm = Field(default=15.0, description="the limit across the beam, µm")
     across_um_per_m: LimitPerMetre = Field(
-        default=6.0, description="across the beam, µm more for each metre"
+        default=6.0, description="its increase per metre of distance, µm"
     )
 
 
@@ -86,16 +86,16 @@ class TrackerCommonConfig(FileModel):
     """Largest errors that all shots have in common: tolerances of the fit."""
 
     scale_ppm: LimitPerMetre = Field(
-        default=17.0, description="of every length, by the tracker and the air's temperature, ppm"
+        default=17.0, description="the scale error of every length, of tracker and air, ppm"
     )
     axes_um_per_m: LimitPerMetre = Field(
-        default=84.0, description="of the tracker's transit axis out of square, µm for a metre"
+        default=84.0, description="the error of the transit axis out of square, µm per metre"
     )
     reflector_mm: float = Field(
         default=0.035,
         gt=0.0,
         le=100.0,
-        description="of the reflector's constant, mm; 0.35 where its type is not known",
+        description="the error of the reflector's constant, mm; 0.35 if its type is unknown",
     )
 
 
@@ -338,8 +338,8 @@ class RunConfig(FileModel):
     )
     park_mm: Point | None = Field(
         default=None,
-        description="where the robot is parked when the operator wishes, [x, y, z] mm in the base "
-        "frame; left out: the first drift pose",
+        description="where the key k parks the robot, [x, y, z] mm in the base frame; left "
+        "out: the first drift pose",
     )
 
 
@@ -376,23 +376,25 @@ class AcceptanceConfig(FileModel):
     """The largest errors at which the robot counts as good; None is not specified."""
 
     distance_mean_mm: Acceptable = Field(
-        default=None, description="the mean error of distances, mm"
+        default=None, description="the limit of the mean error of distances, mm"
     )
     distance_max_mm: Acceptable = Field(
-        default=None, description="the largest error of distances, mm"
+        default=None, description="the limit of the largest error of distances, mm"
     )
     rotation_mm: Acceptable = Field(
-        default=None, description="the motion of the point while the plate turns, mm"
+        default=None, description="the limit of the point's motion while the plate turns, mm"
     )
-    straightness_mm: Acceptable = Field(default=None, description="the deviation from a line, mm")
+    straightness_mm: Acceptable = Field(
+        default=None, description="the limit of the deviation from a line, mm"
+    )
     repeatability_mm: Acceptable = Field(
-        default=None, description="the radius of the sphere of repeated approaches, mm"
+        default=None, description="the limit of the radius of the sphere of repeated approaches, mm"
     )
     pose_accuracy_mm: Acceptable = Field(
-        default=None, description="ISO 9283's pose accuracy AP of the worst of five poses, mm"
+        default=None, description="the limit of ISO 9283's AP of the worst of five poses, mm"
     )
     pose_repeatability_mm: Acceptable = Field(
-        default=None, description="ISO 9283's pose repeatability RP of the worst, mm"
+        default=None, description="the limit of ISO 9283's pose repeatability RP of the worst, mm"
     )
 
     @property

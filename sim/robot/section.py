@@ -61,8 +61,11 @@ class GeometrySection(Section):
     """A robot's parameters, as in a robot file."""
 
     arms: tuple[dict[str, float], ...]
+    """Arms, each with the keys of a robot file."""
     plate_mm: Positive | None = None
+    """As in a robot file."""
     pinion_mm: Positive | None = None
+    """As in a robot file."""
 
     def flat(self, kind: Kind) -> dict[str, float]:
         """Return the values by flat name, mm and deg; raises `ValueError` for no such robot."""
@@ -79,20 +82,26 @@ class Tolerances(Section):
     """Standard deviations of manufacture, drawn by the seed; the first motor holds the frame."""
 
     position_mm: NotNegative = 0.0
+    """Deviation of motor centres 1 to 3; motor 0 holds the frame."""
     length_mm: NotNegative = 0.0
+    """Deviation of arms, forearms and plate."""
     joint_offset_deg: NotNegative = 0.0
+    """Deviation of joint offsets."""
     azimuth_mrad: NotNegative = 0.0
+    """Deviation of arm directions."""
     rod_mm: NotNegative = 0.0
+    """Deviation of each rod's length."""
     axis_tilt_mrad: NotNegative = 0.0
+    """Deviation of motor axes from the horizontal."""
 
 
 class Repeatability(Section):
     """Repeatability: what differs at each arrival."""
 
     joint_arcsec: NotNegative = 0.0
-    """Standard deviation of each joint."""
+    """Standard deviation of each crank."""
     joint_mm: NotNegative = 0.0
-    """The same of carriages."""
+    """Standard deviation of each carriage."""
     position_mm: NotNegative = 0.0
     """Half-width of a uniform draw on each coordinate."""
 
@@ -101,8 +110,11 @@ class Warmth(Section):
     """Parts that grow warm, and longer, with worked time."""
 
     ppm_per_degC: float = 12.0
+    """Expansion by temperature."""
     rise_degC: float = 0.0
+    """Temperature rise in the end."""
     time_constant_s: Positive = 1800.0
+    """Time constant of the rise, in worked time."""
 
     def warmer_by(self, worked_s: float) -> float:
         """Return the temperature above that of the start, °C."""
@@ -113,10 +125,15 @@ class Thermal(Section):
     """Arms, or the scales of rails; and forearms and frame, whose warmth is their own."""
 
     arm_ppm_per_degC: float = 12.0
+    """Expansion of arms, or of the scales of rails."""
     rise_degC: float = 0.0
+    """Their temperature rise in the end."""
     time_constant_s: Positive = 1800.0
+    """Time constant of their rise, in worked time."""
     forearms: Warmth = Warmth()
+    """Warmth of the forearms."""
     frame: Warmth = Warmth()
+    """Warmth of the frame."""
 
     @property
     def parts(self) -> Mapping[str, Warmth]:
@@ -140,16 +157,17 @@ class TransmissionSection(Section):
     """Errors between encoders and joints; where in a turn they are is drawn by the seed."""
 
     eccentricity_um: NotNegative = 0.0
-    """Of the ring of each crank's encoder, beside its axis."""
+    """Eccentricity of the ring of each crank's encoder."""
     ring_mm: Positive = 50.0
     """Diameter of that ring."""
     ripple_arcsec: NotNegative = 0.0
     """Largest error in each turn of a crank's motor."""
     ripples_per_turn: Positive = 30.0
-    """Of a crank."""
+    """Turns of the motor in a turn of the crank."""
     ripple_mm: NotNegative = 0.0
     """Largest error in each turn of a carriage's screw."""
     pitch_mm: Positive = 10.0
+    """Travel of a carriage in a turn of its screw."""
     ratio_ppm: NotNegative = 0.0
     """Standard deviation of ratios or pitches."""
 
@@ -158,24 +176,28 @@ class WeightSection(Section):
     """Weights that gears or drives carry, which yield beyond their encoders."""
 
     gear_nm_per_arcmin: Positive | None = None
-    """Stiffness of each crank's gear."""
+    """Stiffness of each crank's gear; left out: rigid."""
     drive_n_per_um: Positive | None = None
-    """Stiffness of each carriage's drive."""
+    """Stiffness of each carriage's drive; left out: rigid."""
     arm_kg: NotNegative = 1.0
-    """Of a crank, whose weight is in its middle, or of a carriage."""
+    """Mass of a crank, in its middle, or of a carriage."""
     forearm_kg: NotNegative = 0.3
-    """Of its two rods."""
+    """Mass of a forearm's two rods."""
     plate_kg: NotNegative = 1.0
+    """Mass of the plate."""
     payload_kg: NotNegative = 0.0
+    """Mass of the payload."""
 
 
 class MountSection(Section):
     """The reflector on the plate; by default it faces the tracker from the workspace's centre."""
 
     offset_mm: Point = (20.0, -30.0, -45.0)
+    """Reflector relative to the joints of its half (of half 1: B'0)."""
     facing: Point | None = None
+    """Direction of the reflector; left out: to the tracker."""
     half: Literal[1, 2] | None = None
-    """Of a platform of two parts; None: the controlled point's part."""
+    """Half of a platform of two parts; left out: the controlled point's half."""
 
     @model_validator(mode="after")
     def _faces_somewhere(self) -> Self:
@@ -188,23 +210,33 @@ class RobotSection(Section):
     """The true robot: a nominal one, errors on it, and what its model does not know."""
 
     mechanism: str = PAR4.name
+    """Mechanism, as in a robot file."""
     nominal: str | None = None
+    """Robot as designed, by the name of a shipped one; or `geometry`."""
     geometry: GeometrySection | None = None
+    """Robot as designed, with the keys of a robot file."""
     errors: FlatDeltas = Field(default_factory=dict)
+    """True minus nominal value, by parameter name (`arm1.forearm_mm`)."""
     tolerances: Tolerances = Tolerances()
+    """Standard deviations of manufacture."""
     rod_errors_mm: tuple[float, ...] = ()
+    """Length of each rod minus its forearm's, two rods an arm."""
     axis_tilts_mrad: tuple[float, ...] = ()
+    """Motor axes out of the horizontal; rails, and the bars on them, leaning aside."""
     backlash_arcmin: tuple[NotNegative, ...] = ()
-    """Of cranks."""
+    """Lost motion of each crank's gear."""
     backlash_mm: tuple[NotNegative, ...] = ()
-    """Of carriages."""
+    """Lost motion of each carriage's drive."""
     repeatability: Repeatability = Repeatability()
     thermal: Thermal = Thermal()
     transmission: TransmissionSection = TransmissionSection()
     weight: WeightSection = WeightSection()
     plate_joints_mm: tuple[Point, ...] | None = None
+    """Place of each arm's rods on the plate."""
     workspace_centre_mm: Point = (0.0, 0.0, -575.0)
+    """Place from which the reflector is turned to face the tracker."""
     rod_spacing_mm: Positive = 80.0
+    """Distance of a forearm's two rods."""
     reflector: MountSection = MountSection()
 
     @model_validator(mode="after")
@@ -266,28 +298,40 @@ class StartSection(Section):
     """Pose of the controlled point at the start."""
 
     x_mm: float = 0.0
+    """Pose at the start."""
     y_mm: float = 0.0
+    """Pose at the start."""
     z_mm: float = -575.0
+    """Pose at the start."""
     theta_deg: float = 0.0
+    """Pose at the start."""
 
 
 class ControllerSection(Section):
     """The controller. Its geometry is the nominal robot's unless it has errors of its own."""
 
     serial: str = "SIM-C-0001"
+    """Serial number that it reports."""
     geometry_errors: FlatDeltas = Field(default_factory=dict)
+    """Controller's parameters minus nominal, by name."""
     joint_limits_deg: tuple[float, float] = (-45.0, 90.0)
+    """Joint limits of cranks."""
     joint_speed_deg_per_s: Positive = 180.0
+    """Largest speed of cranks."""
     encoder_step_deg: Positive = 1e-6
+    """Encoder resolution of cranks."""
     joint_limits_mm: tuple[float, float] = (-450.0, 450.0)
-    """Of carriages, which have no angles."""
+    """Joint limits of carriages."""
     joint_speed_mm_per_s: Positive = 1500.0
+    """Largest speed of carriages."""
     encoder_step_mm: Positive = 1e-5
+    """Encoder resolution of carriages."""
     emergency_stop: bool = False
+    """Whether the emergency stop is pressed at the start."""
     computes_plate_tilt: bool = False
-    """Whether its kinematics has axis tilts and skews of parallelograms."""
+    """Whether its kinematics has axis tilts and skews, so that `load` gives it all parameters."""
     computes_transmission: bool = False
-    """Whether it has what gears and encoders add to joints, and comes to each from a known side."""
+    """Whether it has what gears and encoders add to joints, with sides of approach."""
     start: StartSection = StartSection()
 
     def limits(self, kind: Kind) -> tuple[float, float]:

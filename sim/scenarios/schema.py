@@ -22,14 +22,19 @@ class FaultSection(Section):
     }
 
     at_measurement: Count | None = None
+    """Measurement at which it happens, from 1."""
     at_move: Count | None = None
+    """Move at which it happens."""
     at_answer: Count | None = None
+    """Answer of `device` at which it happens."""
     at_result: Count | None = None
-    """Of an emScon tracker: the measurements that were begun."""
+    """Measurement begun by an emScon tracker at which it happens."""
     device: Literal["controller", "tracker"] | None = None
+    """`controller` or `tracker`, with `at_answer`."""
     kind: str
+    """Kind of fault."""
     seconds: NotNegative | None = None
-    """Duration, or the lateness of the answer; without it, for good."""
+    """Duration, or lateness of the answer; left out: for good."""
 
     @property
     def counter(self) -> str:
@@ -60,25 +65,37 @@ class AcceptanceSection(Section):
     """Limits that a campaign on this cell asks for; None: not asked for."""
 
     distance_mean_mm: Positive | None = None
+    """As in campaign.yaml; `new` copies it."""
     distance_max_mm: Positive | None = None
+    """As in campaign.yaml; `new` copies it."""
     rotation_mm: Positive | None = None
+    """As in campaign.yaml; `new` copies it."""
     straightness_mm: Positive | None = None
+    """As in campaign.yaml; `new` copies it."""
     repeatability_mm: Positive | None = None
+    """As in campaign.yaml; `new` copies it."""
     pose_accuracy_mm: Positive | None = None
+    """As in campaign.yaml; `new` copies it."""
     pose_repeatability_mm: Positive | None = None
+    """As in campaign.yaml; `new` copies it."""
 
 
 class Scenario(Section):
     """A simulated cell."""
 
     name: Annotated[str, Field(min_length=1)]
+    """Name of the cell; another name is another cell."""
     about: str = ""
+    """What the cell is for."""
     seed: Annotated[int, Field(ge=0)] = 1
+    """Seed of everything that is drawn."""
     speed_up: Annotated[float, Field(gt=0.0, le=10_000.0)] = 100.0
+    """Seconds in the cell per second outside; changes no result."""
     robot: RobotSection
     controller: ControllerSection = ControllerSection()
     tracker: TrackerSection = TrackerSection()
     faults: tuple[FaultSection, ...] = ()
+    """Script of faults."""
     acceptance: AcceptanceSection = AcceptanceSection()
 
     def controller_flat(self) -> dict[str, float]:

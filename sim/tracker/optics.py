@@ -33,7 +33,9 @@ class Limit(Section):
     """A maximum permissible error of a + b · distance; its standard uncertainty is 1/√3 of it."""
 
     constant_um: NotNegative
+    """Constant part of the limit; 1/√3 of the limit is the standard uncertainty."""
     per_metre_um: NotNegative
+    """Part of the limit per metre."""
 
     def sigma_mm(self, distance_mm: float) -> float:
         """Return the standard uncertainty at that distance."""
@@ -48,10 +50,13 @@ class Noise(Section):
     """
 
     coordinate_mm: Positive | None = None
-    """Standard deviation of each coordinate, everywhere."""
+    """Standard deviation of each coordinate; or `along`, `azimuth` and `elevation`."""
     along: Limit | None = None
+    """Limit along the beam."""
     azimuth: Limit | None = None
+    """Limit across the beam, horizontally."""
     elevation: Limit | None = None
+    """Limit across the beam, upward."""
 
     @model_validator(mode="after")
     def _is_one_of_two(self) -> Self:

@@ -16,14 +16,21 @@ class StationSection(Section):
     """Pose of the tracker in the base frame, turned by roll, then pitch, then yaw."""
 
     x_mm: float
+    """Place in the base frame."""
     y_mm: float
+    """Place in the base frame."""
     z_mm: float
+    """Place in the base frame."""
     yaw_deg: float = 0.0
+    """Turned by roll, then pitch, then yaw."""
     pitch_deg: float = 0.0
+    """Second turn."""
     roll_deg: float = 0.0
+    """First turn."""
     creep_mm_per_h: Point = (0.0, 0.0, 0.0)
-    """Of a stand that gives way, in the base frame, with worked time."""
+    """Drift of the stand in the base frame, with worked time."""
     yaw_deg_per_h: float = 0.0
+    """Turn of the stand, with worked time."""
 
     def pose(self, worked_s: float = 0.0) -> TrackerPose:
         """Return the pose as a point and a rotation, after so much work."""
@@ -38,51 +45,71 @@ class Air(Section):
     """Weather at the start, and its drift with worked time."""
 
     temperature_degC: float = 20.0
+    """Air at the start."""
     pressure_hPa: float = 1013.25
+    """Air pressure."""
     humidity_percent: Annotated[float, Field(ge=0.0, le=100.0)] = 50.0
+    """Relative humidity."""
     drift_degC_per_h: float = 0.0
+    """Temperature drift, with worked time."""
 
 
 class SimulatedReflector(Section):
     """A reflector definition that the tracker holds. Target type 1 is a corner cube."""
 
     id: Count
+    """Number of the reflector."""
     name: Annotated[str, Field(min_length=1, max_length=31)]
+    """Name of the reflector."""
     target_type: Annotated[int, Field(ge=0, le=11)] = 1
+    """Type: 1 is a corner cube."""
     surface_offset_mm: NotNegative
+    """Distance from its centre to its surface."""
 
 
 class NestSection(Section):
     """A reflector that stands fixed in a nest, in the base frame."""
 
     name: Annotated[str, Field(min_length=1)]
+    """Name of the nest; `new` writes it into campaign.yaml."""
     place_mm: Point
+    """Place of its reflector in the base frame."""
 
 
 class TrackerSection(Section):
     """Tracker as it is delivered, and the state in which it is found."""
 
     serial: Annotated[str, Field(pattern="^[0-9]{1,9}$")] = "390001"
+    """Serial number, up to nine digits."""
     station: StationSection = StationSection(x_mm=1930.0, y_mm=-1480.0, z_mm=-260.0, yaw_deg=137.0)
     noise: Noise = Noise(coordinate_mm=0.01)
-    """A tracker without noise would state points without uncertainty, which no driver takes."""
+    """Scatter of points; the default is `coordinate_mm` 0.01, since no driver takes points
+    without uncertainty.
+    """
     air: Air = Air()
     initialise_s: NotNegative = 20.0
+    """Duration of an initialisation."""
     warm_up_s: NotNegative = 0.0
-    """Since the cell's start; 0: it is warm."""
+    """Warm-up time from the cell's start; 0: it is warm."""
     initialised: bool = True
+    """Whether it is initialised at the start."""
     beam_locked: bool = True
+    """Whether the beam is on the reflector at the start."""
     acceptance_deg: Positive = 30.0
+    """Largest angle of the beam at which the reflector is seen."""
     reflectors: tuple[SimulatedReflector, ...] = (
         SimulatedReflector(id=1, name="CCR-1.5in", surface_offset_mm=19.05),
         SimulatedReflector(id=3, name="CCR-75mm", surface_offset_mm=37.5),
     )
+    """Reflectors that it knows; default: CCR-1.5in and CCR-75mm."""
     selected: Count = 1
+    """Number of the reflector in use."""
     other_reflector_mm: Point | None = None
-    """A second reflector that stands about, in the base frame."""
+    """Second reflector that stands about, in the base frame."""
     nests: tuple[NestSection, ...] = ()
+    """Reflectors that stand fixed."""
     scale_ppm: float = 0.0
-    """Of its distance meter, whose frequency is off by as much."""
+    """Scale error of its distance meter."""
 
     @model_validator(mode="after")
     def _reflectors_are_told_apart(self) -> Self:
