@@ -1,9 +1,11 @@
 """The Python API of pkmcal, and the way into its command line.
 
-The packages have plain names, such as `app`: a folder of that name on Python's path would be taken
-instead, so whatever hides them is named. A name of the API is imported when it is used, because
-`pkmcal --help` needs none of them.
+A name of the API is imported when it is used, because `pkmcal --help` needs none of them.
 """
+
+# The packages have plain names, such as `app`. Python would take any folder of such a name that
+# comes first on its path, and fail later with an error about something else. So before the first
+# import `_find_obstacle` compares where each package would come from, and names what hides it.
 
 import sys
 from importlib import import_module
@@ -77,7 +79,7 @@ def __getattr__(name: str) -> object:
         raise AttributeError(
             f"module {__name__!r} has no attribute {name!r}; it has {', '.join(__all__)}"
         )
-    if obstacle := _obstacle():
+    if obstacle := _find_obstacle():
         raise ImportError(obstacle)
     if name == "workflow":
         return import_module("campaigns.workflow.campaign_steps")
@@ -85,13 +87,13 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """List the names that a prompt completes."""
+    """Return the names that an interactive prompt completes."""
     return __all__
 
 
 def main() -> None:
-    """Run the command line; leaves with its exit code."""
-    if obstacle := _obstacle():
+    """Run the command line, and leave with its exit code."""
+    if obstacle := _find_obstacle():
         sys.stderr.write(f"pkmcal: {obstacle}\n")
         sys.exit(BAD_INPUT)
     from app.main import main as run
@@ -99,10 +101,11 @@ def main() -> None:
     run()
 
 
-def _obstacle() -> str:
-    """Return a line on whatever hides one of the packages; "" if nothing does."""
+def _find_obstacle() -> str:
+    """Return a line about the folder that hides one of our packages; "" if none does."""
     for package in PACKAGES:
         spec = find_spec(package)
+        # a package has folders, a module that hides it has a file, a namespace perhaps neither
         places = (
             [*(spec.submodule_search_locations or [spec.origin or "?"])] if spec else ["nothing"]
         )

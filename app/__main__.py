@@ -1,4 +1,4 @@
-"""`python -m app`: the same as `pkmcal`."""
+"""Run `pkmcal` by `python -m app`."""
 
 from app.main import main
 

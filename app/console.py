@@ -1,5 +1,18 @@
 """The one owner of the terminal: answers on stdout, talk on stderr, all of it cleaned."""
 
+# A command prints three kinds of text, and each has one way out:
+#
+# - answers (`say`, `table`, `listing`): what the command was asked for. They go to stdout.
+# - talk (`note`, `detail`, `alarm`, questions, progress): all else. It goes to stderr.
+# - the document (`conclude`) with --json: one line of JSON, then alone on stdout; answers go to
+#   stderr as well. So `pkmcal … --json | program` reads a document, and people still read all.
+#
+# All texts pass `printable` on their way: serial numbers, file names and controllers' messages may
+# hold escape sequences that would move the cursor or hide a line. Lines are printed as rich's
+# `Text`, in which brackets are brackets and no markup.
+#
+# Questions are asked on stderr, and only where stdin is a terminal; see app/keyboard.py.
+
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import cached_property
@@ -46,7 +59,7 @@ def is_yes(typed: str) -> bool:
 
 
 class Terminal:
-    """Terminal of a command; with `as_json` all for people goes to stderr, a document to stdout."""
+    """Terminal of a command; with `as_json` stdout is for the document, stderr for people."""
 
     def __init__(self, *, as_json: bool, verbose: bool = False, command: str = "") -> None:
         self._as_json = as_json
@@ -54,6 +67,7 @@ class Terminal:
         self.is_verbose = verbose
         """Whether the user asked for more lines."""
 
+    # made when first used: a console takes over the streams and variables that it finds then
     @cached_property
     def _talk(self) -> Console:
         return Console(stderr=True, highlight=False, emoji=False)
@@ -71,20 +85,22 @@ class Terminal:
         say(self._talk, text, style)
 
     def alarm(self, text: str) -> None:
-        """Print a line that the operator has to read at once."""
+        """Print a line that the operator has to read immediately."""
         self.note(text, BAD)
 
     def detail(self, text: str) -> None:
-        """Print a line of talk for those who asked for more."""
+        """Print a line of talk if the user gave --verbose."""
         if self.is_verbose:
             self.note(text)
 
     def table(self, title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Print a table; all columns but the first are numbers or short words, set to the right.
 
-        A last column without a name holds words, which are broken into lines before anything else.
-        A table that is too wide for the screen is printed row by row: no name is cut.
+        A last column without a name holds words: it is the one whose cells may be wrapped. A table
+        that is too wide for the screen is printed row by row: no name is cut.
         """
+        # A table needs the width of the longest cell of each column; of the column of words (the
+        # last one if it has no name, else the first) that of the longest word.
         words = len(columns) - 1 if not columns[-1] else 0
         contents = [*zip(columns, *rows, strict=True)]
         widths = [max(map(len, column)) for column in contents]
@@ -132,7 +148,7 @@ class Terminal:
     def conclude(
         self, answer: object, step: NextStep | None = None, *, is_good: bool = True
     ) -> None:
-        """End a command: with `as_json` print its answer, a dataclass, and the next command.
+        """End a command: with `as_json` print its answer and the next command as a document.
 
         Raise Typer's `Exit` with code 1 if the result is not good.
         """
@@ -146,13 +162,13 @@ class Terminal:
             raise typer.Exit(Exit.NOT_GOOD)
 
     def asks(self, question: str) -> bool:
-        """Return whether the operator says yes, now; False without a terminal."""
+        """Ask, and return whether the operator says yes; False without a terminal."""
         try:
-            return self.has_somebody and is_yes(self._answer(f"{question} [y/N] "))
+            return self.has_somebody and is_yes(self._ask_for_line(f"{question} [y/N] "))
         except LinkDown:  # the terminal was closed
             return False
         except KeyboardInterrupt:
-            self._talk.print()  # what is said next begins a line
+            self._talk.print()  # the next message begins on a line of its own
             raise
 
     @property
@@ -163,21 +179,24 @@ class Terminal:
     def prompt(
         self, display: RunLines | None = None, stop_requested: Callable[[], bool] = lambda: False
     ) -> Prompt | None:
-        """Return a way to ask for a line while a run is shown; None without a terminal.
+        """Return a function that asks for a line while a run is shown; None without a terminal.
 
-        It raises `Cancelled` once a stop is requested, and `LinkDown` if the terminal is closed.
+        The function raises `Cancelled` once a stop is requested, and `LinkDown` if the terminal is
+        closed.
         """
         if not self.has_somebody:
             return None
 
-        def asked(question: str) -> str:
+        def ask(question: str) -> str:
             with nullcontext() if display is None else display.paused():
-                return self._answer(question, stop_requested)
+                return self._ask_for_line(question, stop_requested)
 
-        return asked
+        return ask
 
-    def _answer(self, question: str, stop_requested: Callable[[], bool] = lambda: False) -> str:
-        """Ask, and return the line that the operator types now."""
+    def _ask_for_line(
+        self, question: str, stop_requested: Callable[[], bool] = lambda: False
+    ) -> str:
+        """Ask, and return the line that the operator types after the question."""
         *lines, last = question.split("\n")
 
         def show() -> None:
@@ -202,7 +221,7 @@ class Terminal:
 
     @contextmanager
     def telling(self, text: str) -> Iterator[Callable[[str], None]]:
-        """Show on a terminal what the block is at and for how long; give what changes the words."""
+        """Show the block's work and its duration on a terminal; yield what changes the words."""
         columns = (TextColumn("{task.description}", markup=False), TimeElapsedColumn())
         is_shown = self._talk.is_interactive
         with Bars(*columns, console=self._talk, transient=True, disable=not is_shown) as bars:
@@ -210,7 +229,7 @@ class Terminal:
             yield lambda news: bars.update(task, description=printable(news))
 
     def watching(self, title: str, *, plain: bool = False) -> RunLines:
-        """Return the display of a run; `plain` by lines."""
+        """Return the display of a run; with `plain` it prints lines."""
         if self._talk.is_interactive and not plain and not self.is_verbose:
             return RunScreen(self._talk, title)
         return RunLines(self._talk, title, verbose=self.is_verbose)

@@ -13,11 +13,11 @@ class AppError(ExplainedError):
 
 
 class NotConfirmed(AppError):
-    """The operator's yes is missing: ask on a terminal, or give --yes."""
+    """The operator has not consented: the command needs a yes on a terminal, or --yes."""
 
 
 class AnswerLost(AppError):
-    """The answer could not be written to where it was sent."""
+    """The answer could not be written to standard output."""
 
 
 class Exit(IntEnum):
@@ -53,7 +53,7 @@ def exit_code(error: Exception) -> Exit:
         driver.Cancelled: Exit.INTERRUPTED,
         SimError: Exit.BAD_INPUT,
     }
-    for kind in type(error).__mro__:
+    for kind in type(error).__mro__:  # from the error's own class to its roots
         if kind in table:
             return table[kind]
     raise LookupError(f"{type(error).__name__} is no designed error")

@@ -1,5 +1,20 @@
 """Signals as a wish that the work looks at, so that the robot is stopped in order."""
 
+# A handler that stopped the robot itself would run between any two lines of a driver, perhaps in
+# the middle of a message, and a KeyboardInterrupt there would leave the link half read. So a signal
+# only sets a `StopRequest`. Whatever waits looks at it several times a second: drivers while an
+# answer is pending, the engine between its steps. They then stop the robot in order and raise
+# `Interrupted` or `Cancelled`.
+#
+# What signals mean depends on the block in which a command is:
+#
+# - `interrupted_by_signals`, around every command: they raise KeyboardInterrupt. Nothing moves.
+# - `stop_on_signals`, while devices are connected: they become a wish to stop.
+# - `asking`, inside such a block while a question is open: Ctrl-Z suspends, the others mean no.
+# - `awaited_signal`, for servers: a function that waits for the signal to end.
+#
+# After SIGHUP, SIGTERM or SIGQUIT no question is asked: the terminal may be gone.
+
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
@@ -22,12 +37,13 @@ process that no shell could continue is not suspended."""
 class StopRequest:
     """Request of the operator to stop.
 
-    Asking again changes nothing: a stop is under way, and what it waits for has a deadline. But
-    after a signal without an operator no further question is asked.
+    A second request changes nothing: a stop is under way, and its waits have deadlines. But after
+    a signal other than Ctrl-C and Ctrl-Z no question is asked any more.
     """
 
     def __init__(self) -> None:
         self._asked_by: int | None = None
+        """Number of the signal that asked; None while nothing has."""
 
     def __call__(self) -> bool:
         """Return whether a stop was asked for."""
@@ -69,7 +85,7 @@ def stop_on_signals(wish: StopRequest) -> Iterator[None]:
 def asking() -> Iterator[None]:
     """Let Ctrl-Z suspend and other signals mean no, within `stop_on_signals`.
 
-    They raise `KeyboardInterrupt`, so that what is half done can still be taken back.
+    The others raise `KeyboardInterrupt`, so that the caller can still undo what is half done.
     """
     before = {number: signal.getsignal(number) for number in SUSPENDING}
     with _handled(_refuse, ENDING):
@@ -92,18 +108,20 @@ def interrupted_by_signals() -> Iterator[None]:
 
 @contextmanager
 def awaited_signal() -> Iterator[Callable[[], None]]:
-    """Give a function that returns when a signal to end has come, also one that came before it."""
-    came: SimpleQueue[int] = SimpleQueue()  # its `put` may be called from a signal handler
+    """Yield a function that waits for a signal to end; an earlier signal is not lost."""
+    # An Event could dead-lock here: its `set` takes a lock that `wait` may hold when the handler
+    # interrupts it. `SimpleQueue.put` may be called from a signal handler.
+    signals: SimpleQueue[int] = SimpleQueue()
 
     def wait() -> None:
-        came.get()
+        signals.get()
 
-    with _handled(came.put, ENDING):
+    with _handled(signals.put, ENDING):
         yield wait
 
 
 def suspend() -> None:
-    """Suspend this process as an unhandled Ctrl-Z does; returns when it is continued."""
+    """Suspend this process as an unhandled Ctrl-Z does; return when it is continued."""
     os.kill(os.getpid(), SUSPENDING[0])
 
 
@@ -113,6 +131,8 @@ def _refuse(_number: int) -> None:
 
 @contextmanager
 def _handled(handle: Callable[[int], None], numbers: Sequence[signal.Signals]) -> Iterator[None]:
+    """Let a function handle these signals for the time of the block, then restore the handlers."""
+
     def called(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - Python's signature
         handle(number)
 

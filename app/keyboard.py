@@ -1,5 +1,12 @@
 """The one reader of the terminal's input: lines as answers, and keys while a run is shown."""
 
+# A terminal gives its input to the thread that reads first. Two of them read in a run: one for
+# single keys (pause, skip, stop), and the main thread when a question needs a whole line. A lock
+# gives them turns: while a question is open, the thread waits. For a question the terminal is put
+# back into its line mode, so that the operator sees and corrects what is typed, and then into the
+# mode of single keys again. What was typed before a question is dropped: a key pressed for the run
+# must never be the answer to "is the cell clear?".
+
 import os
 import re
 import select
@@ -27,7 +34,7 @@ class Keyboard:
     def __init__(self) -> None:
         self._turn = threading.Lock()
         self._line_mode: list[Any] | None = None
-        """Mode of the terminal for whole lines, kept while keys are heard."""
+        """Mode of the terminal for whole lines, kept while single keys are read; None otherwise."""
 
     @property
     def has_somebody(self) -> bool:
@@ -37,13 +44,14 @@ class Keyboard:
     def line(
         self, show_question: Callable[[], None], stop_requested: Callable[[], bool] = lambda: False
     ) -> str:
-        """Return the line that is typed once the question is shown; what was typed before is lost.
+        """Show a question and return the line typed after it; earlier input is dropped.
 
         Raise `Cancelled` once a stop is requested, and `LinkDown` if the terminal is closed.
         """
         typed = b""
         with self._turn, self._by_lines():
             show_question()
+            # by pieces with a timeout rather than by readline, which no request to stop would end
             while b"\n" not in typed:
                 if stop_requested():
                     raise Cancelled("the question was abandoned", remedy="start again when ready")
@@ -57,9 +65,9 @@ class Keyboard:
 
     @contextmanager
     def keys(self, pressed: Callable[[str], None]) -> Iterator[None]:
-        """Hand each key to a function, by a thread, for the time of the block.
+        """Pass each key to a function, by a thread, for the time of the block.
 
-        Nothing is heard without a terminal in the foreground. Ctrl-C and Ctrl-Z stay what they are.
+        Without a terminal in the foreground no keys are read. Ctrl-C and Ctrl-Z stay signals.
         """
         if not _in_foreground():
             yield
@@ -68,6 +76,7 @@ class Keyboard:
         thread = threading.Thread(target=self._hear, args=(pressed, over), name="keys", daemon=True)
         self._line_mode = termios.tcgetattr(sys.stdin.fileno())
         try:
+            # cbreak: keys without Enter and without echo, but Ctrl-C is still a signal
             tty.setcbreak(sys.stdin.fileno(), termios.TCSANOW)
             thread.start()
             yield
@@ -83,7 +92,9 @@ class Keyboard:
         while not over.is_set():
             if not _is_typed(LOOK_S):
                 continue
-            with self._turn:  # a question may have taken what was typed
+            # While this thread waited for its turn, a question may have read the input: look again,
+            # because a read without input would block and hold the turn.
+            with self._turn:
                 keys = _read() if _is_typed(0.0) else None
             if keys == b"":
                 return  # the terminal was closed
@@ -93,7 +104,7 @@ class Keyboard:
 
     @contextmanager
     def _by_lines(self) -> Iterator[None]:
-        """Read whole lines for the time of the block, and drop what waits to be read."""
+        """Read whole lines for the time of the block, and drop the input that waits."""
         with suppress(termios.error):  # no terminal, or none any more
             if self._line_mode is not None:
                 termios.tcsetattr(sys.stdin.fileno(), termios.TCSANOW, self._line_mode)
@@ -107,7 +118,7 @@ class Keyboard:
 
 
 KEYBOARD = Keyboard()
-"""The process's own."""
+"""The one keyboard of the process."""
 
 
 def _is_typed(within_s: float) -> bool:
@@ -123,7 +134,8 @@ def _read() -> bytes:
 
 
 def _in_foreground() -> bool:
-    """Return whether somebody types here: a process in the background is stopped for asking."""
+    """Return whether this process may read the terminal."""
+    # the system stops a background process that changes the terminal's mode (SIGTTOU)
     try:
         return sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
     except (AttributeError, OSError, ValueError):

@@ -1,5 +1,17 @@
 """The command line: global options, commands by name, and one place where errors become codes."""
 
+# How a command runs, from the shell to its exit code:
+#
+# 1. `main` sets what has to be set before NumPy is imported, makes the streams outlast their
+#    readers, and lets the signals that end a process raise KeyboardInterrupt, as Ctrl-C does.
+# 2. Typer asks `LazyGroup` for the command that was typed, and only its module in `app/cli` is
+#    imported. Help and completion take names and summaries from `COMMANDS`: they import nothing.
+# 3. `options.expanded` translates the command's parameters for Typer: a terminal, a campaign and
+#    dataclasses of options become --json, DIR and single options.
+# 4. The command returns (exit code 0), or `Terminal.conclude` ends it with code 1, or it raises.
+# 5. `run_command` is the one place where whatever was raised becomes a line on stderr, a document
+#    on stdout with --json, and an exit code. So all failures look alike, and none is a traceback.
+
 import os
 import re
 import signal
@@ -86,17 +98,18 @@ def write_rows(formatter: Any, heading: str, rows: Sequence[tuple[str, str]]) ->
     formatter.write(f"\n{heading}:\n")
     for names, text in rows:
         lines = wrap(text, formatter.width - column, break_long_words=False, break_on_hyphens=False)
-        first = f"  {names}".ljust(column)
-        if len(first) > column:  # its explanation begins on the next line
-            formatter.write(f"{first}\n")
-            first = ""
-        formatter.write(f"{first:<{column}}" + ("\n" + " " * column).join(lines) + "\n")
+        margin = f"  {names}".ljust(column)
+        if len(margin) > column:  # long names have a line of their own, their text the next one
+            formatter.write(f"{margin}\n")
+            margin = ""
+        formatter.write(f"{margin:<{column}}" + ("\n" + " " * column).join(lines) + "\n")
 
 
 def write_paragraphs(formatter: Any, text: str) -> None:
     """Write paragraphs wrapped between words alone; lines that are to be copied stay whole."""
     for paragraph in text.split("\n\n"):
         lines = paragraph.splitlines()
+        # examples of commands and the header of shots.csv are copied from the screen
         if not paragraph.startswith(("pkmcal ", "pair,")):
             width = formatter.width - 2
             lines = wrap(paragraph, width, break_long_words=False, break_on_hyphens=False)
@@ -109,7 +122,7 @@ SECTIONS = {
     "Devices": "controller tracker offline controller-driver tracker-driver",
     "Points of other software": "joints join columns coordinates decimal encoding",
     "Safety": "yes dry force retry verify",
-    "Output": "plot to pdf csv plain json h",
+    "Output": "plot to pdf csv plain json help",
 }
 """Headings under which help lists options, by their names; all others stand under Options."""
 
@@ -133,12 +146,14 @@ class SectionedCommand(TyperCommand):
         sections |= {heading: [] for heading in SECTIONS}
         for parameter in self.get_params(ctx):
             names, text = parameter.get_help_record(ctx) or ("", "")
+            # Typer writes bounds as inequalities of x: say them in words
             text = re.sub(r"(\d+)<=x<=(\d+)", r"\1 to \2", text)
             text = re.sub(r"x>=(\d+)", r"\1 or more", text)
             if parameter.param_type_name == "argument":
                 sections["Arguments"].append((str(parameter.metavar), text))
                 continue
-            word = parameter.opts[0].lstrip("-")
+            # the long name: click keeps the names of --help in a set, so either may be the first
+            word = max(parameter.opts, key=len).lstrip("-")
             headings = (head for head, words in SECTIONS.items() if word in words.split())
             sections[next(headings, "Options")].append((re.sub("[<>]", "", names), text))
         for heading, rows in sections.items():
@@ -154,28 +169,30 @@ class LazyGroup(TyperGroup):
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
-        self.commands = dict.fromkeys(COMMANDS)  # type: ignore[assignment] # names, for suggestions
+        # Names without their commands: click looks here for what a mistyped name may have meant.
+        self.commands = dict.fromkeys(COMMANDS)  # type: ignore[assignment]
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002
-        """Names in the order of the usual way."""
+        """Return the names of commands in the order in which a campaign needs them."""
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> TyperCommand | None:  # noqa: ARG002
-        """Command of that name, from its module."""
+        """Import the command's module and return the command; None for an unknown name."""
         if cmd_name not in COMMANDS:
             return None
         from app.options import expanded  # with pydantic and more, for commands only
 
         module, _ = COMMANDS[cmd_name]
         imported = import_module(f"app.cli.{module}")
-        alone = typer.Typer(
+        # A Typer of its own for each command: a shared one would need all modules at once.
+        program = typer.Typer(
             add_completion=False,
             pretty_exceptions_enable=False,
             context_settings=SETTINGS,
             rich_markup_mode=None,
         )
-        alone.command(cmd_name, cls=SectionedCommand)(expanded(imported.command))
-        command = typer.main.get_command(alone)
+        program.command(cmd_name, cls=SectionedCommand)(expanded(imported.command))
+        command = typer.main.get_command(program)
         assert isinstance(command, TyperCommand), "one command makes no group"
         return command
 
@@ -203,10 +220,10 @@ app = typer.Typer(
 )
 
 
-def _print_version(asked: bool) -> None:  # noqa: FBT001 - Typer's signature for callbacks
-    if asked:
-        of_commit = commit()
-        typer.echo(f"pkmcal {VERSION}{f' ({of_commit})' if of_commit else ''}")
+def _print_version(requested: bool) -> None:  # noqa: FBT001 - Typer's signature for callbacks
+    if requested:
+        digest = commit()
+        typer.echo(f"pkmcal {VERSION}{f' ({digest})' if digest else ''}")
         raise typer.Exit
 
 
@@ -231,7 +248,7 @@ def main_options(
     ] = False,
 ) -> None:
     """Take the options that stand before the command."""
-    context.obj = verbose
+    context.obj = verbose  # where `options.expanded` finds it for the command's Terminal
 
 
 def main() -> None:
@@ -245,30 +262,34 @@ def main() -> None:
     make_streams_last()
     with interrupted_by_signals():
         code = run_command(sys.argv[1:])
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is over: the code says how, and stays so
+    # The command has ended and its code is decided: a Ctrl-C from now on must not change the code.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(code)
 
 
 def run_command(arguments: list[str]) -> int:
-    """Run one command; gives its exit code. Errors become one line on stderr."""
+    """Run one command and return its exit code. Errors become one line on stderr."""
     try:
         code = app(arguments or ["--help"], prog_name="pkmcal", standalone_mode=False)
     except Abort:
         code = Exit.INTERRUPTED
     except Exception as error:  # noqa: BLE001 - the last resort: a line rather than a traceback
+        # The words are read here, because a usage error comes before Typer has read any option:
+        # --debug counts before the command alone, --json anywhere.
         if "--debug" in takewhile(lambda word: word.startswith("-"), arguments):
             traceback.print_exception(error)
-        line, code = _explained(error, arguments)
+        line, code = _explain_error(error, arguments)
         details = error.details if isinstance(error, ExplainedError) else {}
-        return _tell_error(line, code, details, as_json="--json" in arguments)
+        return _print_error(line, code, details, as_json="--json" in arguments)
     if code == Exit.INTERRUPTED:  # Typer has turned Ctrl-C into this code, without a word
         line = "interrupted → start the command again when ready"
-        return _tell_error(line, code, {}, as_json="--json" in arguments)
+        return _print_error(line, code, {}, as_json="--json" in arguments)
     return code if isinstance(code, int) else Exit.DONE
 
 
-def _explained(error: Exception, arguments: list[str]) -> tuple[str, Exit]:
-    """Line and exit code of an error: problem → remedy."""
+def _explain_error(error: Exception, arguments: list[str]) -> tuple[str, Exit]:
+    """Return the line of an error, problem → remedy, and its exit code."""
+    # An option of an older version is unknown or refused here: its own remedy comes first.
     is_usage = isinstance(error, TyperException | OptionsInvalid)
     if is_usage and (removed := removed_in_command(arguments)):
         name, remedy = removed
@@ -277,12 +298,12 @@ def _explained(error: Exception, arguments: list[str]) -> tuple[str, Exit]:
         return _usage_line(error), Exit.BAD_INPUT
     if isinstance(error, ExplainedError):
         text = f"{error}{f' ({error.page})' if error.page else ''}"
-        return _with_folder(text, arguments), exit_code(error)
+        return _fill_in_folder(text, arguments), exit_code(error)
     problem = f"unforeseen {type(error).__name__}: {error}"
     return f"{problem} → report it, with what `pkmcal --debug …` shows", Exit.BUG
 
 
-def _with_folder(text: str, arguments: list[str]) -> str:
+def _fill_in_folder(text: str, arguments: list[str]) -> str:
     """Replace DIR in the commands of a text by the failed command's folder, but in `new DIR`."""
     from drivers.bounded_files import is_file  # with the YAML reader, which no --help needs
 
@@ -291,8 +312,9 @@ def _with_folder(text: str, arguments: list[str]) -> str:
     return re.sub("(`pkmcal (?!new )[a-z-]+ )DIR", lambda match: match[1] + folder, text)
 
 
-def _tell_error(line: str, code: Exit, details: Mapping[str, object], *, as_json: bool) -> Exit:
+def _print_error(line: str, code: Exit, details: Mapping[str, object], *, as_json: bool) -> Exit:
     """Print an error's line on stderr, and with --json its document on stdout."""
+    # Devices and files may put anything into an error: shorten it, make it visible, keep one line.
     line = " ".join(printable(shortened(line, LONGEST_LINE)).split())
     text = f"pkmcal: {line}"
     if sys.stderr is not None and sys.stderr.isatty():  # elsewhere it stays one line

@@ -1,5 +1,19 @@
 """Measuring on the cell: a job measured with its progress shown, resumed after lost links."""
 
+# `measure` runs a job: one stage of a campaign (run, validation, check) with its devices.
+#
+# 1. Hold the campaign, so that no second process commands the same robot.
+# 2. Ask for clearance: connect, name the devices that answer, ask whether the cell is clear. The
+#    connection is closed while the operator thinks; the same devices must answer afterwards.
+# 3. Connect, prepare, measure what the series still lacks, finish the job: `_measure_once`.
+# 4. After an error that may be over soon (a lost link, a drive's fault), wait and begin again at 3.
+#    Nothing is remembered between two tries: the journal says what is measured, so a try after a
+#    lost link is no different from a run that is started again the next day.
+# 5. After Ctrl-C or Ctrl-Z, when the robot stands, ask whether to go on; if so, begin again at 3.
+#
+# Signals and keys never act on the robot themselves: they set a `StopRequest` or a `Wish` at which
+# the engine looks between its steps, and which drivers look at while they wait.
+
 import math
 import signal
 from abc import ABC, abstractmethod
@@ -38,7 +52,7 @@ class Job(ABC, Generic[Result]):
     def __init__(
         self, campaign: Campaign, work: Work, preview: RunPreview, retry: int | None
     ) -> None:
-        """`retry`: connections after a lost link; None: as campaign.yaml says."""
+        """`retry`: how often to connect again after a lost link; None: as campaign.yaml says."""
         self.campaign, self.work, self.preview = campaign, work, preview
         self.title: str = work.stage
         self.retry = campaign.config.run.retry if retry is None else retry
@@ -57,20 +71,20 @@ class Job(ABC, Generic[Result]):
 
 
 class Clearance:
-    """The operator's yes to a robot that will move, given by an option or asked for.
+    """Operator's consent that the robot moves, given by --yes or asked for.
 
-    The devices that answer are named in the question; the same ones must answer afterwards.
+    The question names the devices that answer; these devices must answer afterwards, too.
     """
 
     def __init__(self, job: Job[Result], terminal: Terminal, *, yes: bool) -> None:
-        """`yes`: it is given by an option."""
+        """`yes`: whether the option --yes gives the consent."""
         self.is_given = yes
         self._job = job
         self._terminal = terminal
         self._devices: DeviceIdentities | None = None
 
     def ask(self) -> None:
-        """Connect without a motion and ask, unless it is given; raise `NotConfirmed` for a no."""
+        """Connect and ask, unless --yes was given; raise `NotConfirmed` for a no. Nothing moves."""
         if self.is_given:
             return
         self._terminal.require_somebody()
@@ -81,7 +95,7 @@ class Clearance:
 
     def check(self, devices: DeviceIdentities) -> None:
         """Raise `WrongDevice` for other devices than before; name the first ones."""
-        if self._devices is None:
+        if self._devices is None:  # with --yes nothing was asked: the operator reads it here
             self._devices = devices
             self._terminal.note(self._job.brief(devices))
         if devices != self._devices:
@@ -95,10 +109,10 @@ class Clearance:
 def measure(
     job: Job[Result], terminal: Terminal, *, yes: bool, anew: bool = False, plain: bool = False
 ) -> Result:
-    """Measure a job: ask, connect, measure, and connect again after what may be over then.
+    """Measure a job and return its result; connect again after errors that may be over soon.
 
-    `yes`: the cell is clear, and no one may be there to help. `anew`: begin a new series although
-    one is unfinished. `plain`: print progress by lines, and hear no keys.
+    `yes`: the cell is clear, and there may be no one to help. `anew`: begin a new series although
+    one is unfinished. `plain`: print progress by lines, and read no keys.
     Raise `Interrupted` when the operator stopped and does not want to go on now.
     """
     campaign, clearance = job.campaign, Clearance(job, terminal, yes=yes)
@@ -108,9 +122,12 @@ def measure(
         clearance.ask()
         series_before = _latest_series(campaign)
         while True:
+            # The option asks for one new series: a second try resumes what the first has begun.
             is_new = anew and _latest_series(campaign) == series_before
             stop = StopRequest()
             try:
+                # the wait for the next try is stopped by signals, too; the question below is not:
+                # there Ctrl-C means no
                 with stop_on_signals(stop):
                     try:
                         return _measure_once(
@@ -121,7 +138,8 @@ def measure(
                     except (DriverError, CampaignError) as error:
                         _wait_for_next_try(error, retries, terminal, stop)
             except (Interrupted, Cancelled) as stopped:
-                if not (stop.may_go_on and _wants_to_go_on(stop, terminal)):
+                # going on is a new turn of the loop: connect again, resume by the journal
+                if not (stop.may_go_on and _wants_to_resume(stop, terminal)):
                     raise Interrupted(
                         f"{job.title}: stopped by the operator; everything measured is kept",
                         remedy="type the same command again to resume it",
@@ -152,7 +170,7 @@ def _measure_once(
             prepare(campaign, cell)
             work = job.prepare(cell)
             if prompt is not None:
-                cell = _attended(cell, prompt, waits_for_beam=not clearance.is_given)
+                cell = _with_operator(cell, prompt, waits_for_beam=not clearance.is_given)
             with campaign.opened_journal() as journal:
                 series = measure_series(
                     cell, journal, work, display, stop, anew=anew, wishes=wishes
@@ -160,8 +178,9 @@ def _measure_once(
                 return job.finish(journal, series)
 
 
-def _attended(cell: Cell, prompt: Prompt, *, waits_for_beam: bool) -> Cell:
-    """Return the cell with an operator who answers, and waits for the beam if he is asked."""
+def _with_operator(cell: Cell, prompt: Prompt, *, waits_for_beam: bool) -> Cell:
+    """Return the cell with an operator who answers questions and can restore a broken beam."""
+    # With --yes there may be no one in the hall: then the wait for a broken beam has an end.
     wait_s = math.inf if waits_for_beam else cell.beam_wait_s
     return replace(
         cell, ask=lambda question: is_yes(prompt(f"{question} [y/N] ")), beam_wait_s=wait_s
@@ -170,7 +189,7 @@ def _attended(cell: Cell, prompt: Prompt, *, waits_for_beam: bool) -> Cell:
 
 @contextmanager
 def _keys(display: RunLines, stop: StopRequest, wishes: Wishes) -> Iterator[None]:
-    """Keys as wishes of the operator while the screen names them; q stops at once, as Ctrl-C."""
+    """Turn keys into wishes while the screen names them; q stops at once, as Ctrl-C does."""
 
     def pressed(key: str) -> None:
         display.answer(key)
@@ -189,7 +208,7 @@ def _keys(display: RunLines, stop: StopRequest, wishes: Wishes) -> Iterator[None
 def _wait_for_next_try(
     error: ExplainedError, retries: Retries, terminal: Terminal, stop: StopRequest
 ) -> None:
-    """Wait until the next try; raise the error if there is none, `Interrupted` when stopped."""
+    """Wait for the next try; raise the error if no try is left, `Interrupted` when stopped."""
     pause_s = retries.again_after(error)
     if pause_s is None:
         raise error
@@ -210,8 +229,9 @@ def identities(cell: Cell) -> DeviceIdentities:
     return cell.robot.identity(), cell.tracker.identity()
 
 
-def goes_on(stop: StopRequest, terminal: Terminal) -> bool:
+def wants_to_go_on(stop: StopRequest, terminal: Terminal) -> bool:
     """Ask the operator whether to go on, after Ctrl-Z once the process is continued."""
+    # Ctrl-Z suspends only now, when the robot stands: a suspended process could not stop it.
     terminal.note("stopped: the robot stands still, everything measured is kept", WARNING)
     if stop.suspends:
         suspend()
@@ -219,10 +239,10 @@ def goes_on(stop: StopRequest, terminal: Terminal) -> bool:
     return terminal.asks("Go on where it was?")
 
 
-def _wants_to_go_on(stop: StopRequest, terminal: Terminal) -> bool:
+def _wants_to_resume(stop: StopRequest, terminal: Terminal) -> bool:
     """Ask the operator; signals are not caught here, so Ctrl-C means no."""
     try:
-        return goes_on(stop, terminal)
+        return wants_to_go_on(stop, terminal)
     except KeyboardInterrupt:
         return False
 
@@ -248,7 +268,7 @@ class ValidationJob(Job[validation.Validated]):
         *,
         anew: bool = False,
     ) -> None:
-        """`held`: what the controller holds; `objections`: what is done in spite of them."""
+        """`held`: the controller's parameters; `objections`: refusals that were overridden."""
         work, _ = validation.validation_work(campaign, held, options)
         preview = run_preview(campaign, validation.seconds_of(campaign, work), work, anew=anew)
         super().__init__(campaign, work, preview, options.retry)
@@ -261,7 +281,9 @@ class ValidationJob(Job[validation.Validated]):
         return f"Validation '{self._options.stage}': {super().brief(devices)}"
 
     def prepare(self, cell: Cell) -> Work:
-        """Record the objections once, and make the work for what the controller holds now."""
+        """Record the objections once, and make the work for the parameters held now."""
+        # Every try calls this function: only the first has objections to record. The parameters
+        # are read again, because somebody may have loaded others since the preview was made.
         with self.campaign.opened_journal() as journal:
             for objection in self._unrecorded:
                 validation.record_objection(journal, objection)
@@ -279,7 +301,7 @@ class ValidationJob(Job[validation.Validated]):
 
 
 def find_measured(campaign: Campaign, work: Work, terminal: Terminal) -> RunResult | None:
-    """Return the result that was measured before if nothing is left to measure, and say so."""
+    """Return the earlier result of a plan of which nothing is left to measure, and say so."""
     ran = measured_before(campaign, work)
     if ran is not None:
         more = (

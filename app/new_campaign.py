@@ -1,4 +1,4 @@
-"""New campaigns: on real devices, or on a simulated cell of its own."""
+"""New campaigns: on real devices, or on a simulated cell of their own."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -29,18 +29,33 @@ DEFAULT_REFLECTOR = "CCR-1.5in"
 SIMULATED_SPEED_PERCENT = 50.0
 SCENARIO = "cell.yaml"
 NO_LIMITS: Mapping[str, float] = {}
-NO_DRIVERS: Mapping[str, str | None] = {"controller": None, "tracker": None}
+NOT_SPECIFIED: Mapping[str, str | None] = {"controller": None, "tracker": None}
+"""Addresses or drivers of both devices: those of the simulated cell, or those by default."""
 UNATTENDED_SPEED_UP = 10_000
-"""By which motions take a few looks at the controller each, and no time beside these."""
+"""Speed-up at which a motion ends after a few questions for the controller's state."""
 LIMIT_DIGITS = 4
-"""Of a limit in µm: more than any data sheet has."""
+"""Decimals of a tracker's limit in µm: more than any data sheet has."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CellChoice:
+    """Simulated cell of a new campaign."""
+
+    scenario: str = DEFAULT_SCENARIO
+    """Name of a shipped scenario, or path of a cell file."""
+    seed: int | None = None
+    """Seed of the cell; None: the scenario's."""
+    with_limits: bool = False
+    """Whether campaign.yaml gets the scenario's limits for a calibrated robot."""
+    for_dry_run: bool = False
+    """Whether the controller computes plate tilt and gears, and a shipped cell is not paced."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewOptions:
-    """Options of a new campaign: its robot, and the devices or what simulates them.
+    """Options of a new campaign: its robot, and its real or simulated devices.
 
-    Raises `OptionsInvalid`.
+    Raise `OptionsInvalid` for options that contradict each other.
     """
 
     robot: Annotated[
@@ -102,7 +117,7 @@ class NewOptions:
 
     @property
     def urls(self) -> dict[str, str | None]:
-        """Addresses of controller and tracker; None: simulated."""
+        """Addresses of controller and tracker; None: a simulated device without an address."""
         if self.offline:
             return {"controller": OFFLINE, "tracker": OFFLINE}
         return {"controller": self.controller, "tracker": self.tracker}
@@ -114,7 +129,7 @@ class NewOptions:
 
     @property
     def rehearsed(self) -> str | None:
-        """The one device that is simulated beside a real one; None: both are, or neither is."""
+        """Device that is simulated beside a real one; None: both are simulated, or neither."""
         simulated = [
             device for device, url in self.urls.items() if (url or "").startswith(SIMULATED)
         ]
@@ -124,10 +139,13 @@ class NewOptions:
 def create_campaign(
     folder: Path, options: NewOptions, limits: Mapping[str, float] = NO_LIMITS
 ) -> CampaignConfig:
-    """Create a campaign by its options; on real devices or on a simulated cell.
+    """Create a campaign by its options, on real devices or on a simulated cell.
 
-    `limits` for `acceptance` of a real robot; a simulated one has those of its scenario.
+    `limits`: those of `acceptance` for a real robot; a simulated one has those of its scenario.
     """
+    # 1. two addresses of one kind: they are taken as they are, also "offline" for both
+    # 2. one of two is sim://NAME: a rehearsal, whose cell is NAME unless --scenario names another
+    # 3. no address: both devices are of one simulated cell
     urls, simulated = options.urls, options.rehearsed
     drivers = {"controller": options.controller_driver, "tracker": options.tracker_driver}
     controller, tracker = urls.values()
@@ -136,9 +154,8 @@ def create_campaign(
     named = (urls[simulated] or "").removeprefix(SIMULATED) if simulated else "cell"
     scenario = options.scenario or (DEFAULT_SCENARIO if named == "cell" else named)
     real = {device: None if device == simulated else url for device, url in urls.items()}
-    return create_simulated(
-        folder, options.robot, scenario, with_limits=True, urls=real, drivers=drivers
-    )
+    cell = CellChoice(scenario=scenario, with_limits=True)
+    return create_on_cell(folder, options.robot, cell, real, drivers)
 
 
 def create_for_devices(
@@ -146,12 +163,12 @@ def create_for_devices(
     robot: str,
     controller: str,
     tracker: str,
-    drivers: Mapping[str, str | None] = NO_DRIVERS,
+    drivers: Mapping[str, str | None] = NOT_SPECIFIED,
     limits: Mapping[str, float] = NO_LIMITS,
 ) -> CampaignConfig:
     """Create a campaign on real devices; raise `ConfigInvalid`, `OutputExists` or `WriteFailed`.
 
-    `drivers` of controller and tracker; None: the default. `limits` for `acceptance`.
+    `drivers`: names for controller and tracker; None: by the address. `limits`: `acceptance`.
     """
     nominal = find_robot(robot)
     config = new_config(
@@ -173,36 +190,43 @@ def create_simulated(
     robot: str = DEFAULT_ROBOT,
     scenario: str = DEFAULT_SCENARIO,
     seed: int | None = None,
-    *,
-    with_limits: bool = False,
-    computes_all: bool = False,
-    unattended: bool = False,
-    urls: Mapping[str, str | None] = NO_DRIVERS,
-    drivers: Mapping[str, str | None] = NO_DRIVERS,
 ) -> CampaignConfig:
     """Create a campaign on a simulated cell, whose scenario is kept in the folder as cell.yaml.
 
-    `urls`: that of the one device that is real, if one is; `drivers` of controller and tracker.
-
-    `computes_all`: whether its controller computes plate tilt and what gears add. `with_limits`
-    asks in campaign.yaml for what the scenario asks of a calibrated robot. `unattended`: no
-    operator watches, so that a shipped cell is not paced.
-
-    Raises `ConfigInvalid`, `OutputExists`, `WriteFailed` or `ScenarioInvalid`.
+    Raise `ConfigInvalid`, `OutputExists`, `WriteFailed` or `ScenarioInvalid`.
     """
-    nominal = find_robot(robot)
-    text = cell_text(nominal.robot, scenario, seed)
-    if computes_all:
+    return create_on_cell(folder, robot, CellChoice(scenario=scenario, seed=seed))
+
+
+def create_on_cell(
+    folder: Path,
+    robot: str,
+    choice: CellChoice,
+    urls: Mapping[str, str | None] = NOT_SPECIFIED,
+    drivers: Mapping[str, str | None] = NOT_SPECIFIED,
+) -> CampaignConfig:
+    """Create a campaign on a simulated cell, perhaps with one real device beside it.
+
+    `urls`: address of the device that is real, None for a simulated one. `drivers`: names for
+    controller and tracker; None: by the address.
+    Raise `ConfigInvalid`, `OutputExists`, `WriteFailed` or `ScenarioInvalid`.
+    """
+    # 1. the cell: the scenario, made one of the robot's mechanism and size
+    nominal, scenario = find_robot(robot), choice.scenario
+    text = cell_text(nominal.robot, scenario, choice.seed)
+    if choice.for_dry_run:
         text = computing_all(text)
-    if unattended and scenario in shipped_scenarios():
-        text = edited(text, lambda tree: tree.update(speed_up=UNATTENDED_SPEED_UP))
+        if scenario in shipped_scenarios():  # somebody's own cell keeps the pace that it states
+            text = edited(text, lambda tree: tree.update(speed_up=UNATTENDED_SPEED_UP))
     cell = parse_scenario(text, scenario)
+    # 2. the nominal robot: how often gears ripple in a turn is on their data sheet, how much is not
     gears = cell.robot.transmission
     if gears.ripple_arcsec and nominal.robot.mechanism.joints[0].is_revolute:
-        nominal = with_ripples_per_turn(nominal, gears.ripples_per_turn)  # as its data sheet has it
+        nominal = with_ripples_per_turn(nominal, gears.ripples_per_turn)
+    # 3. the settings, with what an operator would have measured: where tracker and nests stand
     tracker = cell.tracker
     base = tracker.station.pose()
-    places = {each.name: base.to_tracker_mm(np.array(each.place_mm)) for each in tracker.nests}
+    places = {nest.name: base.to_tracker_mm(np.array(nest.place_mm)) for nest in tracker.nests}
     url = SIMULATED + SCENARIO.removesuffix(".yaml")
     config = new_config(
         {
@@ -219,10 +243,11 @@ def create_simulated(
                 {"name": name, "place_mm": np.round(mm).tolist(), "occupied": True}
                 for name, mm in places.items()
             ],
-            **({"acceptance": cell.acceptance.model_dump()} if with_limits else {}),
+            **({"acceptance": cell.acceptance.model_dump()} if choice.with_limits else {}),
             **_validation(nominal.robot),
         }
     )
+    # 4. the files; campaign.yaml comes last, because it makes the folder a campaign
     text_file.refuse_existing(folder / "campaign.yaml")
     text_file.make_folder(folder)
     _write_unless_same(folder / SCENARIO, text)
@@ -250,19 +275,19 @@ def _device(
     drivers: Mapping[str, str | None],
     simulated: str = "",
 ) -> dict[str, str]:
-    """Return the address, and the driver that is named, else the one of the address."""
+    """Return the address and the driver: the one that is named, else that of the address."""
     url = urls[device] or simulated
     name = drivers[device] or driver_of_address(url)
     return {"url": url} if name is None else {"url": url, "driver": name}
 
 
 def _identity(folder: Path) -> dict[str, object]:
-    """Return the name of a campaign, and a unique identity: a name may be given twice."""
+    """Return a campaign's name and a unique identity, because two folders may have one name."""
     return {"name": printable(text_file.resolved(folder).name), "identity": uuid4().hex}
 
 
 def _validation(robot: RobotFile) -> dict[str, object]:
-    """Return the middle of the robot's workspace, and the lines that fit into it."""
+    """Return the centre of the robot's workspace, and the lengths of lines that fit into it."""
     centre, usual = robot.workspace_centre, ValidationConfig().line_lengths_mm
     lengths = fitting_lines(robot.kinematics, robot.limits, centre, usual)
     lines = {} if lengths == usual else {"line_lengths_mm": list(lengths)}
@@ -270,14 +295,14 @@ def _validation(robot: RobotFile) -> dict[str, object]:
 
 
 def _limits(data_sheet: Mapping[str, float]) -> dict[str, float]:
-    """Return the uncertainty to plan by; empty, so the defaults, for a tracker without noise."""
+    """Return the uncertainty to plan with; empty, for the defaults, if the tracker has no noise."""
     if min(data_sheet["along_um"], data_sheet["across_um"]) <= 0.0:
         return {}
     return {name: round(limit, LIMIT_DIGITS) for name, limit in data_sheet.items()}
 
 
 def _write_unless_same(path: Path, text: str) -> None:
-    """Write a new file, unless an earlier attempt has left the same one."""
+    """Write a new file, unless an earlier attempt has left the same text in it."""
     if (
         not is_there(path)
         or text_file.read_text(path, OutputExists, if_missing="try again") != text

@@ -12,7 +12,7 @@ from campaigns.next_step import NextStep, next_step, state_of
 
 
 def tell_who_works(terminal: Terminal, campaign: Campaign) -> None:
-    """Say which other process works on the campaign: what is read may change at any moment."""
+    """Note which other process works on the campaign, whose files may change at any moment."""
     held_by = lock_holder(campaign.folder)
     if held_by is not None:
         terminal.note(f"! another process works on this campaign now: {held_by.says}", WARNING)
@@ -26,16 +26,16 @@ def tell_next(
     held: ControllerState | None = None,
     evaluation: Evaluation | None = None,
 ) -> NextStep | None:
-    """Say which command is next, and return it for `--json`.
+    """Print which command is next, and return it for `--json`; None if none is known.
 
     `reported` and `held` as for `state_of`; `evaluation`: the campaign's, if already made.
-    Where evidence cannot be read, nothing is said: the command's own result stands.
     """
     try:
         state = state_of(evaluation or evaluate(campaign), reported=reported, held=held)
         worker = lock_holder(campaign.folder)
         step = next_step(replace(state, worker=worker.says if worker else ""))
     except CampaignError:
+        # evidence that cannot be read must not turn a command that has succeeded into a failure
         return None
     for line in step.lines if step else ():
         terminal.note(line)

@@ -1,5 +1,11 @@
 """Arguments and options that several commands share, worded once; options objects as options."""
 
+# Commands are plain functions: `command(terminal, campaign, options, *, dry=False)`. They know
+# nothing of Typer, and `RunOptions` and its like serve the Python API as well. `expanded` gives
+# such a function the signature that Typer reads, and makes its arguments of what Typer has read.
+# What a dataclass of options has for help, bounds and metavar stands in an `Option`
+# at each field, next to its meaning, and not in a second list here.
+
 import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, fields, is_dataclass
@@ -48,9 +54,9 @@ Plain = Annotated[
 
 
 def folder_and_file(first: Path, second: Path | None) -> tuple[Path, Path]:
-    """Return the campaign's folder and a file by what was typed: a single argument is the file.
+    """Return the campaign's folder and a file from one or two arguments; a single one is the file.
 
-    Raises `OptionsInvalid` where no file was named.
+    Raise `OptionsInvalid` if no file is named.
     """
     if second is not None:
         return first, second
@@ -81,18 +87,19 @@ Seed = Annotated[
 
 
 def completed(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
-    """Return what completes an option by those of the words that begin as what was typed."""
+    """Return a function that lists those of the words that begin with what was typed."""
     return lambda incomplete: [word for word in words() if word.startswith(incomplete)]
 
 
 def expanded(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command as Typer reads it.
+    """Return a command with the parameters that Typer reads.
 
-    In place of a `Terminal` it takes the context and --json, of a `Campaign` the folder, and of an
-    options object, a dataclass, an option for each field that is annotated with an `Option`.
+    A `Terminal` becomes the context and --json, a `Campaign` the folder, and a dataclass of options
+    an option for each of its fields that is annotated with an `Option`.
 
     Any: Typer checks what an option holds when it is typed.
     """
+    # 1. the signature: replace each of these parameters by those that are typed for it
     hints = get_type_hints(command, include_extras=True)
     objects = {
         name: _options_of(kind)
@@ -116,31 +123,34 @@ def expanded(command: Callable[..., None]) -> Callable[..., None]:
     if Terminal in hints.values():
         parameters.append(_parameter("as_json", Json, default=False))
 
-    def called(**given: Any) -> None:
+    # 2. the call: make terminal, options and campaign of what was typed. Options come before the
+    # campaign, so that a mistyped option is reported before a missing folder.
+    def run_command(**arguments: Any) -> None:
         if "terminal" in hints:
-            context = given.pop("context")
-            given["terminal"] = Terminal(
-                as_json=given.pop("as_json"),
-                verbose=context.obj is True,
+            context = arguments.pop("context")
+            arguments["terminal"] = Terminal(
+                as_json=arguments.pop("as_json"),
+                verbose=context.obj is True,  # --verbose stands before the command
                 command=context.info_name or "",
             )
         for name, options in objects.items():
-            typed = {option: given.pop(option) for option in options}
-            given[name] = hints[name](
+            typed = {option: arguments.pop(option) for option in options}
+            arguments[name] = hints[name](
                 **{
                     option: _value(options[option], value)
                     for option, value in typed.items()
-                    if value is not None  # it was not given: the options object has its default
+                    if value is not None  # not typed: the dataclass has the default
                 }
             )
         if "campaign" in hints:
-            given["campaign"] = open_campaign(given.pop("folder"))
-        command(**given)
+            arguments["campaign"] = open_campaign(arguments.pop("folder"))
+        command(**arguments)
 
-    called.__doc__ = command.__doc__
-    called.__annotations__ = {each.name: each.annotation for each in parameters}
-    called.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined] # inspect looks for it
-    return called
+    # 3. Typer reads help, annotations and signature from the function that it is given
+    run_command.__doc__ = command.__doc__
+    run_command.__annotations__ = {each.name: each.annotation for each in parameters}
+    run_command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined] # inspect looks for it
+    return run_command
 
 
 def _parameter(
@@ -154,6 +164,7 @@ def _parameter(
 
 def _options_of(kind: Any) -> dict[str, Any]:
     """Return annotations of the options by field; those of the class itself before inherited."""
+    # the order of fields is the order in help: a command's own options come first
     hints = get_type_hints(kind, include_extras=True)
     names = (name for base in kind.__mro__ for name in vars(base).get("__annotations__", ()))
     return {name: hints[name] for name in names if isinstance(_option_of(hints[name]), Option)}
@@ -164,8 +175,10 @@ def _option_of(hint: Any) -> Any:
 
 
 def _typed(name: str, hint: Any, default: Any) -> tuple[Any, Any]:
-    """Return what Typer is to read for an option, and its default."""
+    """Return the annotation that Typer reads for an option, and its default."""
     option, kind = _option_of(hint), get_args(hint)[0]
+    # An option with a reader (`0-60`, `20%`) is typed as text. An option of several values may be
+    # repeated: Typer wants a list, and None for none, where the dataclass has a tuple.
     if option.read is not None:
         default, kind = option.typed, str
     elif get_origin(kind) is tuple:
@@ -182,8 +195,8 @@ def _typed(name: str, hint: Any, default: Any) -> tuple[Any, Any]:
     return Annotated[kind, words], default
 
 
-def _value(hint: Any, given: Any) -> Any:
-    """Return the value of what was typed."""
+def _value(hint: Any, typed: Any) -> Any:
+    """Return the value of the dataclass's field for what was typed."""
     if (read := _option_of(hint).read) is not None:
-        return read(given)
-    return tuple(given or ()) if get_origin(get_args(hint)[0]) is tuple else given
+        return read(typed)
+    return tuple(typed or ()) if get_origin(get_args(hint)[0]) is tuple else typed

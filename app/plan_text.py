@@ -14,7 +14,9 @@ from campaigns.planning.plan_check import CheckedPlan
 from campaigns.workflow.planning import PlannedCampaign
 
 ONE_SIDED = 0.85
-"""Share of approaches from one side from which on backlash and joint offset look alike."""
+"""Share of approaches from one side above which the plan is warned about.
+
+With all approaches from one side, backlash moves a joint by a constant, as a joint offset does."""
 PREDICTED = (
     "predicted 1 σ; prior: every source of error at its tolerance; noise: the tracker's, as "
     "campaign.yaml states it"
@@ -24,7 +26,7 @@ PREDICTED = (
 def show_forecast(
     terminal: Terminal, campaign: Campaign, planned: PlannedCampaign, until_mm: float | None
 ) -> None:
-    """Show the predicted uncertainty of positions and what is wrong; verbose: of each group."""
+    """Show the predicted uncertainty and warnings; with --verbose also that of each group."""
     forecast, table = planned.forecast, campaign.robot.mechanism.parameters
     for line in forecast_lines(forecast, table, until_mm):
         terminal.say(line)
@@ -38,6 +40,7 @@ def show_forecast(
 
 def group_rows(forecast: Forecast, table: ParameterTable) -> list[tuple[str, ...]]:
     """Return a row for each group and unit: its words, its weakest parameter, and 1 σ of that."""
+    # by unit too, because σ in mm and in degrees cannot be compared
     weakest: dict[tuple[str, str], str] = {}
     for name, std in forecast.std.items():
         key = table[name].field.group, table[name].unit
@@ -69,7 +72,7 @@ def forecast_lines(
 
 
 def warnings(forecast: Forecast) -> Iterator[str]:
-    """Yield what makes this plan a bad one to measure."""
+    """Yield a warning for each joint whose backlash the plan cannot separate from its offset."""
     for joint, share in enumerate(forecast.from_below):
         if max(share, 1.0 - share) > ONE_SIDED:
             side = "smaller" if share > ONE_SIDED else "larger"
@@ -85,7 +88,7 @@ def _std_text(name: str, std: float, table: ParameterTable) -> str:
 
 
 def refusals_lines(space: RestrictedSpace, refusals: Refusals) -> Iterator[str]:
-    """How far walls are kept off, how many candidates the space refuses, which zone how many."""
+    """Yield how far walls are kept off, and how many candidates the space and each zone refuse."""
     yield (
         f"space: walls are kept off the measured point by the plate's radius of "
         f"{space.plate_radius_mm:g} mm and a margin of {space.margin_mm:g} mm"
@@ -112,5 +115,5 @@ def plan_line(checked: CheckedPlan) -> str:
     """Return the shots of a plan and the time it takes, in one line."""
     counts = Counter(shot.purpose.value for shot in checked.shots)
     sets = ", ".join(f"{count} {purpose}" for purpose, count in counts.items())
-    took = interval((checked.seconds, checked.seconds))
-    return f"{len(checked.shots)} shots ({sets}), about {took}"
+    duration = interval((checked.seconds, checked.seconds))
+    return f"{len(checked.shots)} shots ({sets}), about {duration}"

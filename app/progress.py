@@ -1,5 +1,13 @@
 """Progress of counted work: a bar on a terminal, a line every tenth of the work elsewhere."""
 
+# Two readers need two forms. On a terminal a bar replaces itself several times a second; in a file
+# or a pipe every update would be another line, so there a line is printed when a further tenth of
+# the work is done: at most ten lines, however long the work. Lines that have to stay (`say`) go
+# through the console of the bar, which prints them above it. Whether rich's bar is shown decides
+# which of the two forms is taken: `CountedWork._bars.disable`.
+#
+# Times are intervals (`3–4 min`), because the pace of the last shots says no more than that.
+
 from typing import Self
 
 from rich.console import Console
@@ -14,7 +22,7 @@ MINUTE_S = 60.0
 
 
 class CountedWork:
-    """Bar or lines while the block runs; `news` are words behind the numbers."""
+    """Bar or lines while the block runs; `news` are words after the numbers."""
 
     def __init__(self, console: Console, what: str, total: int, *, done: int = 0) -> None:
         self._console, self._what, self._total, self._done = console, what, max(total, 1), done
@@ -58,13 +66,13 @@ def is_next_tenth(before: int, done: int, total: int) -> bool:
 
 
 def say(console: Console, text: str, style: str) -> None:
-    """Print a line, on a terminal broken between words, elsewhere not at all."""
+    """Print a line, wrapped between words on a terminal; a line in a file or pipe stays whole."""
     console.print(Text(printable(text), style), soft_wrap=not console.is_terminal)
 
 
 def interval(seconds: tuple[float, float]) -> str:
     """Return a time as an interval: `3–4 min`, `20–35 s`; one number if both ends round to it."""
     low, high = seconds
-    unit, unit_s = ("min", MINUTE_S) if high >= 2 * MINUTE_S else ("s", 1.0)
-    ends = dict.fromkeys(f"{end / unit_s:.0f}" for end in (low, high))
-    return f"{'–'.join(ends)} {unit}"
+    name, unit_s = ("min", MINUTE_S) if high >= 2 * MINUTE_S else ("s", 1.0)
+    bounds = dict.fromkeys(f"{bound / unit_s:.0f}" for bound in (low, high))  # equal ones once
+    return f"{'–'.join(bounds)} {name}"

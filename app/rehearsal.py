@@ -22,11 +22,12 @@ from campaigns.workflow.planning import plan
 from campaigns.workflow.validation import Validated
 
 STAGES = 8
+"""Stages of a dry run: those of `rehearse`, and the report."""
 
 
 @dataclass(slots=True)
 class Rehearsal:
-    """Answers of the steps of a rehearsal, as far as it came."""
+    """Answers of the steps of a rehearsal; None for a step that was not reached."""
 
     scenario: str
     seed: int
@@ -41,25 +42,25 @@ class Rehearsal:
 def rehearse(
     campaign: Campaign, terminal: Terminal, options: IdentificationOptions
 ) -> tuple[Rehearsal, tuple[str, ...]]:
-    """Take all steps but the report; return their answers, and what speaks against the result.
+    """Take all steps but the report; return their answers, and the reasons against the result.
 
-    `options` say how to identify.
+    `options` are those of the identification.
     """
     rehearsal = _beginning(campaign, terminal)
     heading(terminal, 1, "plan")
     checked = plan(campaign).checked
     terminal.say(plan_line(checked))
     heading(terminal, 2, "validate before")
-    before = _validated(campaign, terminal, "before")
+    before = _validate(campaign, terminal, "before")
     rehearsal.before = before.result.document()
     heading(terminal, 3, "run")
     run_plan(campaign, checked, terminal)
     heading(terminal, 4, "identify")
-    found = identify(campaign, options)
-    rehearsal.identification = found.document()
-    show_identification(terminal, found, campaign.robot.mechanism.parameters)
-    if found.verdict != "pass":
-        return rehearsal, found.reasons
+    identified = identify(campaign, options)
+    rehearsal.identification = identified.document()
+    show_identification(terminal, identified, campaign.robot.mechanism.parameters)
+    if identified.verdict != "pass":  # such parameters are neither exported nor loaded
+        return rehearsal, identified.reasons
     heading(terminal, 5, "export")
     if state_of(evaluate(campaign)).to_export == "plain":
         path = export_plain(campaign).path
@@ -72,7 +73,7 @@ def rehearse(
     kept = load(campaign, connected_robot(campaign), LoadOptions(file=path)).kept
     terminal.say(f"written, read back and compared; the old ones: {kept.name if kept else '-'}")
     heading(terminal, 7, "validate after")
-    after = _validated(campaign, terminal, "after")
+    after = _validate(campaign, terminal, "after")
     rehearsal.after = after.result.document()
     show_gain(terminal, after.evaluation)
     otherwise = after.otherwise
@@ -80,30 +81,31 @@ def rehearse(
 
 
 def heading(terminal: Terminal, number: int, stage: str) -> None:
-    """Say which stage begins."""
+    """Print which stage begins."""
     terminal.say("")
     terminal.say(f"{number}/{STAGES} {stage}", "bold cyan")
 
 
-def _validated(campaign: Campaign, terminal: Terminal, stage: ValidationStage) -> Validated:
+def _validate(campaign: Campaign, terminal: Terminal, stage: ValidationStage) -> Validated:
+    """Measure a validation as `pkmcal validate --yes` does, and print its distance errors."""
     with connected_robot(campaign) as controller:
         held = controller.read_geometry()
     job = ValidationJob(campaign, terminal, ValidationOptions(stage=stage), held)
-    found = measure(job, terminal, yes=True, plain=True)
-    terminal.say(_distance_line(found.result))
-    return found
+    validated = measure(job, terminal, yes=True, plain=True)
+    terminal.say(_distance_line(validated.result))
+    return validated
 
 
 def _beginning(campaign: Campaign, terminal: Terminal) -> Rehearsal:
-    """Say what will be done."""
+    """Print scenario, seed and folder, and return the empty answers."""
     scenario = scenario_of(campaign.folder, campaign.config.controller.url)
     terminal.say(f"dry run of {scenario.name}, seed {scenario.seed}, in {campaign.folder}", "bold")
     return Rehearsal(scenario.name, scenario.seed)
 
 
-def _distance_line(found: ValidationResult) -> str:
+def _distance_line(result: ValidationResult) -> str:
     """Return the mean and the largest error of distances in a line."""
-    distances = found.distances
+    distances = result.distances
     if distances is None:
         return "no distances measured"
     return (

@@ -16,24 +16,30 @@ RETRIED = (
     errors.DeviceNotReady,
     errors.ImplausibleAnswer,
 )
-"""Faults that may be over by the next try. An emergency stop is none: people release it."""
+"""Errors that may be over by the next try. An emergency stop is not: people have to release it."""
 FIRST_PAUSE_S = 1.0
 LONGEST_PAUSE_S = 60.0
 LOOK_S = 0.02
+"""How often a wait looks at the request to stop."""
 
 
 class Retries:
-    """Tries left in a row; a shot that is accepted begins another row."""
+    """Count of tries without a new shot; an accepted shot sets the count back to 0."""
+
+    # Accepted shots are counted in the journal, which alone outlasts a try. Voided shots count as
+    # well: a count that can fall would hide the next accepted shot.
 
     def __init__(self, campaign: Campaign, allowed: int, clock: Clock) -> None:
         self._campaign = campaign
         self._allowed = allowed
         self._clock = clock
         self._tried = 0
+        """Tries since the last accepted shot."""
         self._outcomes = self._count_outcomes()
 
     def again_after(self, error: errors.ExplainedError) -> float | None:
-        """Return the pause before the next try, s, and note it in the journal; None: no more."""
+        """Return the pause before the next try, s, and record it; None if no try is left."""
+        # EmergencyStop is a MotionFault, which is retried
         if not isinstance(error, RETRIED) or isinstance(error, errors.EmergencyStop):
             return None
         outcomes = self._count_outcomes()
@@ -48,18 +54,18 @@ class Retries:
         return min(FIRST_PAUSE_S * 2.0 ** (self._tried - 1), LONGEST_PAUSE_S)
 
     def text(self, error: errors.ExplainedError) -> str:
-        """Return what is tried again, and how many times it has been."""
+        """Return a line with the number of the try and the error that made it necessary."""
         return (
             f"connecting again, {self._tried} of {self._allowed} in a row, after: {error.problem}"
         )
 
     def wait(self, seconds: float, stop_requested: Callable[[], bool]) -> None:
-        """Wait; raise `Interrupted` as soon as the operator asks to stop."""
+        """Wait for some seconds; raise `Interrupted` as soon as the operator asks to stop."""
         until_s = self._clock.now_s() + seconds
-        while (left_s := until_s - self._clock.now_s()) > 0.0:
+        while (remaining_s := until_s - self._clock.now_s()) > 0.0:
             if stop_requested():
                 raise Interrupted("stopped by the operator", remedy="the same command resumes it")
-            self._clock.sleep_s(min(left_s, LOOK_S))
+            self._clock.sleep_s(min(remaining_s, LOOK_S))
 
     def _count_outcomes(self) -> int:
         """Return how many shots were ever accepted, also those that were voided since."""

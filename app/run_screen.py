@@ -1,5 +1,10 @@
 """Display of a run: a screen on a terminal, a line every tenth of the shots elsewhere."""
 
+# The engine reports to a `RunObserver`: its state after each change (`progress`), and sentences
+# about what happened (`event`). `RunLines` prints them; `RunScreen` keeps them, and draws a picture
+# of the last state twice a second. The screen is the terminal's alternate one: when it is left, its
+# contents are gone, so the events are printed once more as lines. It is left for each question.
+
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -31,13 +36,14 @@ ANSWERS = {
 ANSWERS_IN_PAUSE = {"p": "p: it goes on", "s": "s: no shot is being taken", STOP_KEY: "q: it stops"}
 LONGEST_BAR = 60
 SKIP_AFTER_S = 10.0
-"""Search for a reflector after which it is said how to leave the shot out."""
+"""Duration of a lost beam after which the screen says how to skip the shot."""
 USUAL_RESIDUALS = 30
-"""Last residuals by which the next one is called good or large."""
+"""Number of last residuals whose median is the usual one."""
 FEWEST_RESIDUALS = 5
-LARGE = 3.0
-"""Times the usual residual from which one is called large."""
-WORDS = {
+"""Number of earlier residuals below which the next one is not judged."""
+LARGE_TIMES_USUAL = 3.0
+"""Ratio to the usual residual above which a residual is called large."""
+STATE_WORDS = {
     EngineState.IDLE: "between two shots",
     EngineState.MOVING: "moving to",
     EngineState.SETTLING: "settling at",
@@ -46,11 +52,11 @@ WORDS = {
     EngineState.STOPPED: "stopped",
     EngineState.FINISHED: "finished",
 }
-WITHOUT_SHOT = {EngineState.IDLE, EngineState.STOPPED, EngineState.FINISHED}
+STATES_WITHOUT_SHOT = {EngineState.IDLE, EngineState.STOPPED, EngineState.FINISHED}
 
 
 class RunLines(RunObserver):
-    """Run as lines: at each tenth of the shots, at events and at the end; or at every state."""
+    """Run as lines: each tenth of the shots, events, the end; with `verbose` each state."""
 
     has_screen = False
 
@@ -62,11 +68,13 @@ class RunLines(RunObserver):
         return self
 
     def __exit__(self, _kind: object, error: object, _trace: object) -> None:
+        # The robot may still move, and no program can stop it: this line comes before all others.
         if isinstance(error, RobotStateUnknown):
             say(self._console, PRESS_THE_EMERGENCY_STOP, BAD)
         progress = self._progress
         if progress is not None:
             say(self._console, f"{self._title}: {summary(progress)}", QUIET)
+            # a finished run's uncertainty is in the command's answer
             if progress.known is not None and progress.state is not EngineState.FINISHED:
                 say(self._console, f"{self._title}: {certainty(progress.known)}", QUIET)
 
@@ -76,10 +84,10 @@ class RunLines(RunObserver):
         yield
 
     def answer(self, key: str) -> None:
-        """Say what comes of a key: without a screen no keys are heard."""
+        """Acknowledge a key; without a screen no keys are read."""
 
     def progress(self, progress: Progress) -> None:
-        """Say where the run is if another tenth is done, or if the operator has to do something."""
+        """Print the state if another tenth is done, or if there is new advice for the operator."""
         before, self._progress = self._progress or progress, progress
         is_due = is_next_tenth(before.done, progress.done, progress.total)
         is_advice = bool(progress.beam_advice) and progress.beam_advice != before.beam_advice
@@ -87,12 +95,12 @@ class RunLines(RunObserver):
             say(self._console, f"{self._title}: {line_of(progress)}", QUIET)
 
     def event(self, text: str) -> None:
-        """Say what happened."""
+        """Print a sentence about what happened."""
         say(self._console, f"! {text}", "yellow")
 
 
 class RunScreen(RunLines):
-    """Run on a screen of its own; what happened stays on the terminal when the screen is left."""
+    """Run on a screen of its own; events are printed as lines when the screen is left."""
 
     has_screen = True
 
@@ -126,7 +134,7 @@ class RunScreen(RunLines):
 
     @override
     def answer(self, key: str) -> None:
-        """Say what comes of a key, until an event says what did."""
+        """Show what a key will do, until the next event shows what it did."""
         is_paused = self._progress is not None and self._progress.state is EngineState.PAUSED
         if is_paused and key in ANSWERS:
             self._answer = ANSWERS_IN_PAUSE.get(key, f"{key}: when it goes on")
@@ -159,6 +167,7 @@ class RunScreen(RunLines):
             *(Text(printable(text), OPEN) for text in what_to_do(progress)),
         ]
         keys = KEYS_IN_PAUSE if progress.state is EngineState.PAUSED else KEYS
+        # five rows for state, bar, blank, keys and answer, and two to spare for lines that wrap
         room = max(self._console.height - len(facts) - 7, 1)
         events = [Text(printable(text), "yellow") for text in self._events[-room:]]
         return Group(
@@ -179,11 +188,11 @@ class RunScreen(RunLines):
 
 
 def line_of(progress: Progress) -> str:
-    """Return where a run is: `97/163 · 3–5 min left · moving drift 97 · residual 0.012 mm · …`."""
+    """Return the state in a line: `97/163 · 3–5 min left · moving drift 97 · residual …`."""
     parts = [f"{progress.done}/{progress.total}"]
     if progress.eta_s is not None:
         parts.append(f"{interval(progress.eta_s)} left")
-    has_shot = progress.shot is not None and progress.state not in WITHOUT_SHOT
+    has_shot = progress.shot is not None and progress.state not in STATES_WITHOUT_SHOT
     shot = f" {progress.purpose} {progress.shot}" if has_shot else ""
     parts += [f"{progress.state.value}{shot}", *_residual_and_drift(progress)]
     if not progress.beam_locked:
@@ -212,11 +221,11 @@ def state_of(progress: Progress) -> tuple[str, str]:
         return f"the tracker lost the beam{ago}", BAD
     if progress.state is EngineState.PAUSED:
         return "paused, the robot stands still", OPEN
-    words = WORDS[progress.state]
-    if progress.state in WITHOUT_SHOT or progress.shot is None:
-        return words, BAD if progress.state is EngineState.STOPPED else GOOD
+    state = STATE_WORDS[progress.state]
+    if progress.state in STATES_WITHOUT_SHOT or progress.shot is None:
+        return state, BAD if progress.state is EngineState.STOPPED else GOOD
     style = OPEN if progress.state is EngineState.SUSPENDED else GOOD
-    return f"{words} shot {progress.shot} ({progress.purpose})", style
+    return f"{state} shot {progress.shot} ({progress.purpose})", style
 
 
 def shots_and_end(progress: Progress, now: datetime) -> str:
@@ -233,7 +242,7 @@ def figures(progress: Progress, residuals_mm: list[float]) -> Iterator[str]:
     """Yield the last residual and whether it is good, drift, uncertainty and the goal."""
     parts = _residual_and_drift(progress)
     if progress.residual_mm is not None:
-        parts[0] = f"last {parts[0]}{_judged(residuals_mm)}"
+        parts[0] = f"last {parts[0]}{_judge_last(residuals_mm)}"
     if parts:
         yield " · ".join(parts)
     if progress.known is not None:
@@ -253,7 +262,7 @@ def certainty(uncertainty: PositionUncertainty) -> str:
 
 
 def what_to_do(progress: Progress) -> Iterator[str]:
-    """Yield what the operator can do now; nothing while all is well."""
+    """Yield what the operator can do about a lost beam; nothing while the beam is there."""
     if progress.beam_advice:
         yield progress.beam_advice
     if not progress.beam_locked and progress.beam_lost_s >= SKIP_AFTER_S:
@@ -271,10 +280,13 @@ def _goal(progress: Progress) -> str:
     return f"goal: positions to ±{progress.goal_mm:g} mm, now {reached}"
 
 
-def _judged(residuals_mm: list[float]) -> str:
-    """Return whether the last residual is like those before it; nothing for the first few."""
+def _judge_last(residuals_mm: list[float]) -> str:
+    """Return whether the last residual is like those before it; "" for the first few."""
+    # the median, because one bad shot must not make the next bad one look usual
     *before, last = residuals_mm or [0.0]
     if len(before) < FEWEST_RESIDUALS:
         return ""
     usual_mm = median(before)
-    return ": good" if last <= LARGE * usual_mm else f": large, {usual_mm:.3f} mm is usual"
+    if last <= LARGE_TIMES_USUAL * usual_mm:
+        return ": good"
+    return f": large, {usual_mm:.3f} mm is usual"

@@ -13,7 +13,7 @@ from campaigns.workflow.running import RunPreview
 from drivers.values import Identity
 
 SCATTER_SHOWN_MM = 0.005
-"""Scatter of the robot's point from which it is named as a cause."""
+"""Scatter of the robot's point above which it is named as a cause of a missed goal."""
 DeviceIdentities: TypeAlias = tuple[Identity, Identity]
 """Controller and tracker that answer at the addresses of a cell."""
 
@@ -30,7 +30,7 @@ def briefing(campaign: Campaign, work: Work, preview: RunPreview, devices: Devic
 
 
 def show_run(terminal: Terminal, ran: RunResult) -> None:
-    """Say what was measured and what was not, and whether the goal is met."""
+    """Print what was measured and what was not, and whether the goal is met."""
     terminal.say(f"measured: series {ran.series} has {_count(ran)}")
     for shots, reason in ran.skipped.items():
         terminal.say(f"not measured: {in_words(shots)}: {reason}", WARNING)
@@ -80,7 +80,8 @@ def _reached(ran: RunResult) -> str:
 
 
 def _why(ran: RunResult) -> str:
-    """Return what made σ larger than predicted: the forecast is of a robot without scatter."""
+    """Return why σ is larger than predicted; "" if the robot's scatter is no reason."""
+    # the forecast assumes the tracker's noise alone, of a robot that repeats perfectly
     if ran.known is None or ran.known.scatter_mm < SCATTER_SHOWN_MM:
         return ""
     return f"; robot repeatability ±{ran.known.scatter_mm:.2g} mm per axis"

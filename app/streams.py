@@ -22,9 +22,9 @@ READER_GONE = frozenset({errno.EPIPE, errno.EIO, errno.ENXIO, errno.ECONNRESET, 
 
 
 class LastingStream(io.RawIOBase):
-    """Bytes into a stream; once it is of no use, into nothing.
+    """Stream that drops its bytes once the stream behind it cannot be written any more.
 
-    An error that is not among `borne` is raised once, as `AnswerLost`; None bears all.
+    An error whose number is not in `borne` is raised once, as `AnswerLost`; None: no error is.
     """
 
     def __init__(self, name: str, inner: io.RawIOBase, borne: Container[int] | None) -> None:
@@ -48,6 +48,8 @@ class LastingStream(io.RawIOBase):
 
     def write(self, data: "ReadableBuffer", /) -> int | None:
         """Write or drop the bytes, and return their number."""
+        # After the first error nothing is tried again. Dropped bytes count as written: Python's
+        # buffers would keep them otherwise, and raise the error again when the process ends.
         size = memoryview(data).nbytes
         if not self._is_of_use:
             return size
@@ -73,14 +75,17 @@ def lasting(stream: TextIO, name: str, borne: Container[int] | None) -> TextIO:
     return io.TextIOWrapper(
         io.BufferedWriter(LastingStream(name, raw, borne)),
         encoding="utf-8",
-        errors="backslashreplace",  # names of files that are no UTF-8
+        errors="backslashreplace",  # names of files need not be UTF-8
         line_buffering=raw.isatty(),
         write_through=True,
     )
 
 
 def make_streams_last() -> None:
-    """Make the process's own streams last. Talk is lost in silence; a lost answer is an error."""
+    """Make the process's streams last. Lost talk is no error; an answer that finds no room is."""
+    # stdout: a reader who has left wanted no more, but a full disk lost an answer, which a script
+    # would miss. stderr: there is no place left to report the loss at. A stream is None where the
+    # process was started without it.
     if sys.stdout is not None:
         sys.stdout = lasting(sys.stdout, "standard output", READER_GONE)
     if sys.stderr is not None:

@@ -1,5 +1,19 @@
 """Real or simulated: the one place where a campaign's devices are made and connected."""
 
+# From the addresses in campaign.yaml to two ports that answer:
+#
+# - `connections` decides what lies behind each address. tcp://, serial:// and file: are real. For
+#   sim://NAME it starts a simulated cell in this process, alive for the time of the block, and
+#   connects by a pipe. Above the pipe all is alike: the same driver, the same wire protocol.
+# - `DevicePlace` says where a device answers and by which clock it is judged: real devices by the
+#   system's, a simulated cell by its own. Event time lets a simulated hour pass in seconds.
+# - `DeviceConnections.robot` and `.tracker` make the driver of the catalogue, connect it, check
+#   its serial number against campaign.yaml and close it at the end of the block.
+# - One real and one simulated device make a rehearsal: the real robot's joints are handed on to
+#   the simulated one, so that the simulated tracker measures a robot that stands there.
+#
+# Drivers and the measuring engine take real and simulated devices alike.
+
 import json
 import random
 from collections.abc import Callable, Iterator
@@ -67,30 +81,31 @@ def connected_cell(
 ) -> Iterator[Devices]:
     """Connect both devices for the time of the block.
 
-    Once a stop is requested, nothing is waited for any more. `alarm` gets what the operator has
-    to read at once. Raises a driver's error when one is not there or not the expected one.
+    Once a stop is requested, all waits end. `alarm` gets what the operator has to read at once.
+    Raise a driver's error when a device does not answer or is not the expected one.
     """
     ways = connections(campaign, stop_requested, alarm, prompt=prompt)
     with ways as to, to.robot() as robot, to.tracker() as tracker:
-        clocks = to.awake(to.controller.clock), SystemClock()
+        # the robot settles in the controller's time, the operator waits in the wall clock's
+        clocks = to.interruptible(to.controller.clock), SystemClock()
         yield Devices(robot, tracker, *clocks, raw_readers=_raw_readers(campaign))
 
 
 @dataclass(frozen=True, slots=True)
 class DevicePlace:
-    """Where a device answers, and in which time it lives."""
+    """Address of a device, how to open it, and the clock by which its answers are judged."""
 
     url: str
     open_transport: Opener
     clock: Clock
     first_number: int
-    """Number of a session's first question."""
+    """Number of a session's first question, where the protocol numbers them."""
     in_process: bool = False
     """Whether it is simulated in this process."""
 
     @classmethod
     def real(cls, url: str) -> "DevicePlace":
-        """Place of a device that is not of this process."""
+        """Return the place of a device outside this process."""
         return cls(url, opener_of(url), SystemClock(), _first_number())
 
 
@@ -98,7 +113,7 @@ class DevicePlace:
 class DeviceConnections:
     """Ways to each device by itself: connected for the time of a block.
 
-    Entering raises a driver's error when the device is not there or not the expected one.
+    Entering raises a driver's error when the device does not answer or is not the expected one.
     """
 
     campaign: Campaign
@@ -128,11 +143,12 @@ class DeviceConnections:
             )
         )
         serial = self.campaign.config.controller.serial
+        # these errors are about this robot although they do not state its address
         about_robot = errors.MotionFault, errors.LimitViolation
         try:
-            with _named("controller", self.controller.url, about_robot) as greeted:
+            with _naming("controller", self.controller.url, about_robot) as name_by:
                 robot.connect()
-                greeted(identity := robot.identity())
+                name_by(identity := robot.identity())
                 _check_serial("controller", identity, serial)
                 yield robot if self.followed is None else _followed(robot, self.followed)
         finally:
@@ -146,7 +162,7 @@ class DeviceConnections:
         tracker = driver.make(
             Surroundings(
                 open_transport=place.open_transport,
-                clock=self.awake(place.clock),
+                clock=self.interruptible(place.clock),
                 cancelled=self.stop_requested,
                 first_number=place.first_number,
                 settings=_tracker_settings(self.campaign),
@@ -155,21 +171,23 @@ class DeviceConnections:
             )
         )
         try:
-            with _named("tracker", place.url, (errors.BeamBroken,)) as greeted:
+            with _naming("tracker", place.url, (errors.BeamBroken,)) as name_by:
                 tracker.connect()
-                greeted(identity := tracker.identity())
+                name_by(identity := tracker.identity())
                 _check_serial("tracker", identity, config.serial)
                 yield tracker
         finally:
             tracker.close()
 
-    def awake(self, clock: Clock) -> Clock:
+    def interruptible(self, clock: Clock) -> Clock:
         """Return a clock whose sleep ends once a stop is requested."""
         return WakefulClock(clock, self.stop_requested)
 
 
 def _first_number() -> int:
-    """Draw where a session begins to count its questions, so that no old answer fits."""
+    """Draw the number of a session's first question."""
+    # An answer to an earlier session's question may still be in the link. It carries another
+    # number, and so cannot be taken for an answer of this session.
     return random.SystemRandom().randint(1, LAST_NUMBER)
 
 
@@ -180,13 +198,16 @@ def connections(
     alarm: Alarm = unheard,
     prompt: Prompt | None = None,
 ) -> Iterator[DeviceConnections]:
-    """Give the ways to each device; a simulated cell lives for the time of the block."""
+    """Yield the ways to each device; a simulated cell lives for the time of the block.
+
+    Raise `ConfigInvalid` for two different simulated cells.
+    """
     campaign.require_devices()
-    made = partial(DeviceConnections, campaign, stop_requested, alarm, prompt)
+    connections_at = partial(DeviceConnections, campaign, stop_requested, alarm, prompt)
     urls = campaign.config.controller.url, campaign.config.tracker.url
     simulated = {url for url in urls if url.startswith(SIMULATED)}
     if not simulated:
-        yield made(DevicePlace.real(urls[0]), DevicePlace.real(urls[1]))
+        yield connections_at(DevicePlace.real(urls[0]), DevicePlace.real(urls[1]))
         return
     if len(simulated) > 1:
         raise ConfigInvalid(
@@ -204,9 +225,11 @@ def connections(
             def open_pipe(*, timeout_s: float = CONNECT_S) -> Transport:  # noqa: ARG001 - at once
                 return cell.connect(device, name)
 
+            # no earlier session can have left an answer in a new pipe: questions count from 1
             return DevicePlace(name, open_pipe, cell, 1, in_process=True)
 
-        yield made(
+        # a simulated tracker beside a real controller has to see the robot where that robot stands
+        yield connections_at(
             place("controller", urls[0]),
             place("tracker", urls[1]),
             None if urls[0].startswith(SIMULATED) else cell.cell.controller,
@@ -221,7 +244,7 @@ def connected_robot(campaign: Campaign, prompt: Prompt | None = None) -> Iterato
 
 
 def pause_clock(campaign: Campaign) -> Clock:
-    """Clock by which a pause before a new try is waited for; event time for a simulated cell."""
+    """Return the clock of pauses before a new try; event time for a simulated cell."""
     return EventClock() if campaign.is_simulated else SystemClock()
 
 
@@ -246,7 +269,7 @@ def require_same_mechanism(campaign: Campaign, scenario: Scenario) -> None:
 
 
 class _FollowedRobot:
-    """A real robot that hands each of its rests on to a simulated one."""
+    """Real robot that passes its joints on to a simulated one whenever it stands still."""
 
     def __init__(self, robot: RobotController, followed: SimulatedController) -> None:
         self._robot, self._followed = robot, followed
@@ -258,7 +281,7 @@ class _FollowedRobot:
         return state
 
     def __getattr__(self, name: str) -> object:
-        return getattr(self._robot, name)
+        return getattr(self._robot, name)  # all but the state is the real robot's
 
 
 def _followed(robot: RobotController, followed: SimulatedController) -> RobotController:
@@ -267,11 +290,14 @@ def _followed(robot: RobotController, followed: SimulatedController) -> RobotCon
 
 @contextmanager
 def _in_process(campaign: Campaign, scenario: Scenario) -> Iterator[InProcessCell]:
-    """Start a simulated cell; keep its memory, as a real one has, in the campaign's folder."""
+    """Start a simulated cell; its state outlasts the process, in the campaign's folder."""
+    # A real cell remembers between two commands: the parameters that were loaded, where the robot
+    # stands, how often each target was measured. Without its memory file a cell takes the number of
+    # journal records as a bound of earlier measurements, so that their noise is not drawn again.
     path = campaign.path(CELL_MEMORY)
     require_same_mechanism(campaign, scenario)
-    memory = _remembered(path)
-    before = _records(campaign) if memory is None else 0
+    memory = _read_memory(path)
+    before = _count_records(campaign) if memory is None else 0
     cell = Cell(scenario, memory=memory, attempts_before=before)
     tracker = campaign.config.tracker
     speaks = tracker.driver if tracker.url.startswith(SIMULATED) else "emscon"
@@ -281,14 +307,17 @@ def _in_process(campaign: Campaign, scenario: Scenario) -> Iterator[InProcessCel
     try:
         yield in_process
     except BaseException:
-        with suppress(WriteFailed):  # what went wrong first is what counts
-            _remember(path, in_process)
+        with suppress(WriteFailed):  # the first error is the one to report
+            _write_memory(path, in_process)
         raise
-    _remember(path, in_process)
+    _write_memory(path, in_process)
 
 
-def _records(campaign: Campaign) -> int:
-    """Return the number of records of the journal: no place was measured more often."""
+def _count_records(campaign: Campaign) -> int:
+    """Return the number of records of the journal; 0 without a journal that can be read.
+
+    No place was measured more often than that.
+    """
     try:
         with campaign.journal_reader() as journal:
             return journal.last_number()
@@ -296,11 +325,11 @@ def _records(campaign: Campaign) -> int:
         return 0
 
 
-def _remember(path: Path, cell: InProcessCell) -> None:
-    replace_text(path, json.dumps(cell.memory()))  # with an indent ten times as slow
+def _write_memory(path: Path, cell: InProcessCell) -> None:
+    replace_text(path, json.dumps(cell.memory()))  # an indent would make it ten times slower
 
 
-def _remembered(path: Path) -> dict[str, object] | None:
+def _read_memory(path: Path) -> dict[str, object] | None:
     if not bounded_files.is_there(path):
         return None
     try:
@@ -315,38 +344,39 @@ def _remembered(path: Path) -> dict[str, object] | None:
 
 
 @contextmanager
-def _named(
+def _naming(
     device: str, url: str, kinds: tuple[type[errors.DriverError], ...]
 ) -> Iterator[Callable[[Identity], None]]:
     """Name a device, by its serial number and address, in every error that is about it.
 
-    Such an error states the address, or is of one of these `kinds`. The block calls what it is
-    given with the identity of the device, once known.
+    An error is about the device if it states the address or is of one of these `kinds`. Yield a
+    function that takes the device's identity: from then on its serial number is named, too.
     """
-    names = [device]
+    name = device
 
-    def greeted(identity: Identity) -> None:
-        names[:] = [f"{device} {identity.serial}"]
+    def name_by(identity: Identity) -> None:
+        nonlocal name
+        name = f"{device} {identity.serial}"
 
     try:
-        yield greeted
+        yield name_by
     except errors.DriverError as error:
         if url and url in error.problem:
-            error.problem = error.problem.replace(url, f"{names[0]} at {url}", 1)
+            error.problem = error.problem.replace(url, f"{name} at {url}", 1)
         elif isinstance(error, kinds):
-            error.problem = f"{names[0]} at {url}: {error.problem}"
+            error.problem = f"{name} at {url}: {error.problem}"
         raise
 
 
 def _raw_readers(campaign: Campaign) -> RawReaders:
-    """Readers of the raw answers of a campaign's devices."""
+    """Return the readers of the raw answers of a campaign's devices."""
     controller = CONTROLLERS[campaign.config.controller.driver]
     tracker, layout = TRACKERS[campaign.config.tracker.driver], _layout(campaign)
     return RawReaders(lambda raw: controller.read_record(raw, layout), tracker.read_record)
 
 
 def _tracker_settings(campaign: Campaign) -> WatchSettings | str:
-    """Return what the campaign says to one tracker's driver alone: a file or a serial number."""
+    """Return settings for the tracker's driver: a file that is watched, or a serial number."""
     tracker = campaign.config.tracker
     if not tracker.url.startswith(FILE):
         return tracker.serial or BY_HAND
@@ -369,10 +399,11 @@ def _tracker_settings(campaign: Campaign) -> WatchSettings | str:
 
 
 def _hand_settings(campaign: Campaign) -> HandSettings | None:
-    """Return what the driver has to know of a robot that somebody moves; None for others."""
+    """Return settings of a robot that somebody moves by hand; None for any other robot."""
     if campaign.config.controller.driver != BY_HAND:
         return None
     mechanism = campaign.robot.mechanism
+    # such a robot has no controller to ask: a file in the folder keeps the parameters it "holds"
     held = HeldParameters(campaign.folder, campaign.nominal)
     return HandSettings(
         serial=campaign.config.controller.serial or BY_HAND,
@@ -385,7 +416,7 @@ def _hand_settings(campaign: Campaign) -> HandSettings | None:
 
 
 def _layout(campaign: Campaign) -> RobotLayout:
-    """Joints, coordinates and parameters of the robot, as the wire has them."""
+    """Return the robot's joints, coordinates and parameters as robotline names them."""
     mechanism = campaign.robot.mechanism
     space = mechanism.parameters
     joints, task = (

@@ -1,4 +1,4 @@
-"""pkmcal check: whether the robot is still calibrated, by a few shots."""
+"""pkmcal check: test with a few shots whether the robot is still calibrated."""
 
 from dataclasses import dataclass
 
@@ -25,10 +25,10 @@ class CheckPreview:
 
 
 class CheckJob(Job[RecordedCheck]):
-    """Measurement of a few shots, judged by the last identification."""
+    """Measurement of a few shots, compared with the last identification."""
 
     def brief(self, devices: DeviceIdentities) -> str:
-        """Say that it is a check, and of how many shots."""
+        """Return the briefing, which begins with the word Check."""
         return f"Check: {super().brief(devices)}"
 
     def finish(self, journal: Journal, series: int) -> RecordedCheck:
@@ -63,7 +63,8 @@ def command(
         return
     expected = run_preview(campaign, seconds_of(campaign, work), work, anew=anew)
     job = CheckJob(campaign, work, expected, options.retry)
-    judged = measure(job, terminal, yes=yes, anew=anew, plain=plain)
-    terminal.say(judged.says, DECISIONS[judged.decision])
+    check = measure(job, terminal, yes=yes, anew=anew, plain=plain)
+    terminal.say(check.says, DECISIONS[check.decision])
+    # "not decided" ends with code 1 as well: a script must not take it for a robot that is fine
     following = tell_next(terminal, campaign)
-    terminal.conclude(judged, following, is_good=judged.decision == "pass")
+    terminal.conclude(check, following, is_good=check.decision == "pass")

@@ -1,4 +1,4 @@
-"""pkmcal check-journal: whether the journal is what was written, and what is in it."""
+"""pkmcal check-journal: check that the journal is unchanged, and count its contents."""
 
 import re
 from dataclasses import replace
@@ -17,8 +17,8 @@ from campaigns.journal.journal import JournalReader
 from campaigns.journal.verification import Inspection, Problem, inspect_journal, require_whole
 from drivers.bounded_files import CSV_BYTES
 
-HEAD = 2000
-"""So many characters of a report hold what it says of itself."""
+HEAD_CHARACTERS = 2000
+"""Characters at the beginning of a report that hold its metadata."""
 PAGE_JOURNAL = re.compile(
     r'name="journal-end" content="(?P<records>\d{1,12}):(?P<digest>[0-9a-f]{64})"'
 )
@@ -44,46 +44,56 @@ def command(terminal: Terminal, campaign: Campaign, *, page: Page = None) -> Non
     campaign.require_journal()
     tell_who_works(terminal, campaign)
     with terminal.telling("reading every record"):
-        found = inspect_journal(campaign.journal_path)
-    terminal.say(_contents(found), GOOD if found.whole else BAD)
-    for problem in found.problems:
+        inspection = inspect_journal(campaign.journal_path)
+    terminal.say(_contents(inspection), GOOD if inspection.whole else BAD)
+    for problem in inspection.problems:
         terminal.say(f"! {problem.problem}", BAD)
+    # A broken journal ends with the exit code of its error, but a program still gets the document:
+    # the error carries it, and `run_command` prints it. Opening the journal may find a problem that
+    # the inspection did not, such as a journal of another campaign.
     try:
-        require_whole(campaign.journal_path, found.problems)
+        require_whole(campaign.journal_path, inspection.problems)
         with campaign.journal_reader() as journal:
             if page is not None:
                 require_page_of(journal, page)
     except JournalFailed as error:
-        problems = found.problems or (Problem(error.problem),)
-        error.details = to_jsonable_python(replace(found, whole=False, problems=problems))
+        problems = inspection.problems or (Problem(error.problem),)
+        error.details = to_jsonable_python(replace(inspection, whole=False, problems=problems))
         raise
     if page is not None:
         terminal.say(f"{page} was made from this journal", GOOD)
-    terminal.conclude(found)
+    terminal.conclude(inspection)
 
 
 def require_page_of(journal: JournalReader, page: Path) -> None:
     """Raise `VerdictBad` for a report of another journal, `OptionsInvalid` for no report."""
     text = read_text(page, OptionsInvalid, if_missing="name a report", most_bytes=CSV_BYTES)
-    found = PAGE_JOURNAL.search(text[:HEAD])
-    if found is None:
+    # the report states how many records the journal had and the digest of the last of them; a
+    # journal that has grown since still holds that record
+    stated = PAGE_JOURNAL.search(text[:HEAD_CHARACTERS])
+    if stated is None:
         raise OptionsInvalid(
             f"{page}: does not say which journal it was made from",
             remedy="name a report of this version, or write it again with `pkmcal report`",
         )
-    if not journal.holds(int(found["records"]), found["digest"]):
+    if not journal.holds(int(stated["records"]), stated["digest"]):
         raise VerdictBad(
             f"{page} was not made from this journal, or one of them was changed since",
             remedy="compare the digests under Identities, and write the report again",
         )
 
 
-def _contents(found: Inspection) -> str:
-    state = "the journal is whole" if found.whole else "the journal is not what was written"
-    crashed = f", {found.crashed_sessions} of them without an end" if found.crashed_sessions else ""
-    older = found.records - found.chained
-    unchained = f", {older} of them from before there were digests" if found.whole and older else ""
+def _contents(journal: Inspection) -> str:
+    """Return whether the journal is whole, and how much it holds."""
+    state = "the journal is whole" if journal.whole else "the journal is not what was written"
+    crashed = ""
+    if journal.crashed_sessions:
+        crashed = f", {journal.crashed_sessions} of them without an end"
+    older = journal.records - journal.chained
+    unchained = ""
+    if journal.whole and older:
+        unchained = f", {older} of them from before there were digests"
     return (
-        f"{state}: {found.records} records{unchained}, {found.series} series, {found.sessions} "
-        f"sessions{crashed}, {found.shots} shots"
+        f"{state}: {journal.records} records{unchained}, {journal.series} series, "
+        f"{journal.sessions} sessions{crashed}, {journal.shots} shots"
     )

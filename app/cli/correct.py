@@ -14,7 +14,8 @@ from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME
 from campaigns.workflow.correction import correct_file
 
-WORD = "-corrected"
+CORRECTED = "-corrected"
+"""End of the name of a file of corrected poses."""
 
 Poses = Annotated[
     Path,
@@ -29,7 +30,7 @@ Robot = Annotated[
     ),
 ]
 To = Annotated[
-    Path | None, typer.Option(metavar="FILE", help=f"Default: beside the file, NAME{WORD}.")
+    Path | None, typer.Option(metavar="FILE", help=f"Default: beside the file, NAME{CORRECTED}.")
 ]
 
 
@@ -60,24 +61,27 @@ def command(
     pkmcal correct cell-3 --poses poses.csv
     pkmcal correct cell-3 --poses poses.csv --robot found.yaml --to commands.csv
     """
-    path = to or poses.parent / f"{poses.stem}{WORD}{poses.suffix}"
-    found = correct_file(campaign, poses, path, robot, overwrite=force)
-    mean_mm, max_mm = found.correction_mm
+    path = to or poses.parent / f"{poses.stem}{CORRECTED}{poses.suffix}"
+    corrected = correct_file(campaign, poses, path, robot, overwrite=force)
+    mean_mm, max_mm = corrected.correction_mm
     terminal.say(f"written: {path}")
     terminal.say(
-        f"{found.targets} poses, corrected by {mean_mm:.3f} mm on average, {max_mm:.3f} mm at most"
-        f"{_sigma(found.std_mm, campaign, robot)}"
+        f"{corrected.targets} poses, corrected by {mean_mm:.3f} mm on average, "
+        f"{max_mm:.3f} mm at most{_sigma(corrected.std_mm, campaign, robot)}"
     )
     answer = CorrectAnswer(
         path=path,
-        poses=found.targets,
+        poses=corrected.targets,
         correction_mm={"mean": mean_mm, "max": max_mm},
-        position_std_mm=found.std_mm,
+        position_std_mm=corrected.std_mm,
     )
     terminal.conclude(answer, tell_next(terminal, campaign))
 
 
 def _sigma(std_mm: float | None, campaign: Campaign, robot: Path | None) -> str:
+    """Return the uncertainty in words, or why it is unknown and how to get it."""
+    # A set has its covariance in the journal, found by the set's digest. A file that somebody has
+    # edited, or the set of another campaign, is in no journal of this one.
     if std_mm is not None:
         return f"; 1 σ of the position {std_mm:.3f} mm at most"
     file = robot.name if robot else FILE_NAME

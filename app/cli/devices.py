@@ -19,7 +19,7 @@ Facts = Mapping[str, object]
 
 @dataclass(frozen=True, slots=True)
 class DevicesAnswer:
-    """Answer of `devices`: what each device says of itself, by name."""
+    """Answer of `devices`: facts about each device, by name."""
 
     controller: Facts
     tracker: Facts
@@ -33,9 +33,11 @@ def command(terminal: Terminal, campaign: Campaign) -> None:
     numbers and the reflector's name. If one device fails, the other is still asked. Refused while
     a run is under way, which it would disturb.
     """
+    # both are asked and shown before the first error is raised: a technician sees at once whether
+    # one device is wrong or the network
     with campaign.held(), connections(campaign) as to:
-        controller = _asked(to.robot, partial(of_controller, campaign))
-        tracker = _asked(to.tracker, of_tracker)
+        controller = _ask(to.robot, partial(facts_of_controller, campaign))
+        tracker = _ask(to.tracker, facts_of_tracker)
     _show(terminal, f"controller at {campaign.config.controller.url}", controller)
     _show(terminal, f"tracker at {campaign.config.tracker.url}", tracker)
     if isinstance(controller, DriverError):
@@ -50,26 +52,27 @@ def _show(terminal: Terminal, title: str, facts: Facts | DriverError) -> None:
     if isinstance(facts, DriverError):
         terminal.listing(title, {"failed": str(facts)})
     else:
-        words = {name.replace("_", " "): _text(value) for name, value in facts.items()}
-        terminal.listing(title, words)
+        lines = {name.replace("_", " "): _text(value) for name, value in facts.items()}
+        terminal.listing(title, lines)
 
 
-def _asked(
-    door: Callable[[], AbstractContextManager[Device]], facts_of: Callable[[Device], Facts]
+def _ask(
+    connect: Callable[[], AbstractContextManager[Device]], facts_of: Callable[[Device], Facts]
 ) -> Facts | DriverError:
-    """Return what a device states, or the error for which it states nothing."""
+    """Return facts about a device, or the error that prevented it."""
     try:
-        with door() as device:
+        with connect() as device:
             return facts_of(device)
     except DriverError as error:
         return error
 
 
-def of_controller(campaign: Campaign, robot: RobotController) -> Facts:
-    """Return what the controller states."""
+def facts_of_controller(campaign: Campaign, robot: RobotController) -> Facts:
+    """Return identity, joints and faults of the controller."""
     identity, state = robot.identity(), robot.state()
     axes = campaign.robot.mechanism.joints
-    joints = zip(axes, state.joints, strict=bool(state.joints))  # by hand: none until asked
+    # a robot that is moved by hand has no joints before the operator has typed them
+    joints = zip(axes, state.joints, strict=bool(state.joints))
     return {
         "identity": str(identity),
         "serial": identity.serial,
@@ -80,8 +83,8 @@ def of_controller(campaign: Campaign, robot: RobotController) -> Facts:
     }
 
 
-def of_tracker(tracker: LaserTracker) -> Facts:
-    """Return what the tracker states, and the weather."""
+def facts_of_tracker(tracker: LaserTracker) -> Facts:
+    """Return identity and state of the tracker, its reflectors, and the weather."""
     identity, state, air = tracker.identity(), tracker.state(), tracker.weather()
     return {
         "identity": str(identity),
@@ -100,7 +103,8 @@ def of_tracker(tracker: LaserTracker) -> Facts:
 
 
 def _text(value: object) -> str:
-    if isinstance(value, bool):
+    """Return a fact for people: yes or no, unknown, none."""
+    if isinstance(value, bool):  # before float: a bool is a number, too
         return "yes" if value else "no"
     if isinstance(value, list):
         return ", ".join(map(str, value)) or "none"

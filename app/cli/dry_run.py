@@ -1,4 +1,4 @@
-"""pkmcal dry-run: the whole chain against a simulated cell."""
+"""pkmcal dry-run: a whole campaign on a simulated cell."""
 
 import time
 from pathlib import Path
@@ -13,7 +13,8 @@ from app.new_campaign import (
     COMPLETED_SCENARIO,
     DEFAULT_ROBOT,
     DEFAULT_SCENARIO,
-    create_simulated,
+    CellChoice,
+    create_on_cell,
 )
 from app.next import tell_next
 from app.options import Seed
@@ -70,40 +71,37 @@ def command(
     measured: then its settings apply.
     """
     started_s = time.monotonic()
-    campaign = prepared(folder or _free_folder(), scenario, seed, robot)
-    rehearsal, against = rehearse(campaign, terminal, IdentificationOptions())
+    campaign = prepare_campaign(folder or _free_folder(), scenario, seed, robot)
+    rehearsal, reasons_against = rehearse(campaign, terminal, IdentificationOptions())
+    # the report is written also of a dry run that ended early: it says what is missing
     heading(terminal, STAGES, "report")
     _, path = report(campaign)
     terminal.say(path.name)
     seconds = time.monotonic() - started_s
-    for line in against:
-        terminal.say(f"not good: {line}", BAD)
-    if not against:
-        shown = any(each.shown for each in evaluate(campaign).gains if each.name == JUDGED)
+    for reason in reasons_against:
+        terminal.say(f"not good: {reason}", BAD)
+    if not reasons_against:
+        shown = any(gain.shown for gain in evaluate(campaign).gains if gain.name == JUDGED)
         terminal.say(f"good: {BETTER if shown else NOTHING_TO_CORRECT}", GOOD)
     terminal.say(f"{seconds:.0f} s; everything is in {campaign.folder}")
     following = tell_next(terminal, campaign, reported=True)
     rehearsal.report, rehearsal.seconds = path, seconds
-    terminal.conclude(rehearsal, following, is_good=not against)
+    terminal.conclude(rehearsal, following, is_good=not reasons_against)
 
 
-def prepared(
+def prepare_campaign(
     folder: Path, scenario: str | None, seed: int | None, robot: str | None = None
 ) -> Campaign:
-    """Make a new campaign on a simulated cell, or open one that stands ready.
+    """Create a campaign on a simulated cell, or open one in which nothing has been measured.
 
-    Raise `OptionsInvalid` for one on real devices, with measurements, or of another scenario.
+    Raise `OptionsInvalid` for an existing campaign on real devices or with measurements, and for
+    one that another robot, scenario or seed is asked of.
     """
     if not is_there(folder / "campaign.yaml"):
-        create_simulated(
-            folder,
-            robot or DEFAULT_ROBOT,
-            scenario or DEFAULT_SCENARIO,
-            seed,
-            with_limits=True,
-            computes_all=True,
-            unattended=True,
+        cell = CellChoice(
+            scenario=scenario or DEFAULT_SCENARIO, seed=seed, with_limits=True, for_dry_run=True
         )
+        create_on_cell(folder, robot or DEFAULT_ROBOT, cell)
         return open_campaign(folder)
     remedy = "name a new folder"
     if scenario is not None or seed is not None or robot is not None:

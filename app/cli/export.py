@@ -1,4 +1,4 @@
-"""pkmcal export: the compensated parameter file."""
+"""pkmcal export: write the compensated parameters, or the measured shots, as a file."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class ExportAnswer:
 
 @dataclass(frozen=True, slots=True)
 class PlainExportAnswer(ExportAnswer):
-    """Answer of `export --format plain`: the remaining error of position, by parameters."""
+    """Answer of `export --format plain`: remaining error of position, by set of parameters."""
 
     left_mm: Mapping[str, Mapping[str, float]]
 
@@ -69,7 +69,7 @@ def command(
             terminal.note(f"left out because their pair is incomplete: shots {halves}")
     elif format_ == "plain":
         plain = exporting.export_plain(campaign, to, overwrite=force)
-        path, left_mm = plain.path, _show(terminal, plain)
+        path, left_mm = plain.path, _show_remaining_errors(terminal, plain)
     elif format_ == "linuxcnc":
         path = exporting.export_hal(campaign, to, overwrite=force)
     else:
@@ -81,14 +81,16 @@ def command(
     terminal.conclude(answer, tell_next(terminal, campaign))
 
 
-def _show(terminal: Terminal, plain: exporting.PlainExport) -> dict[str, dict[str, float]]:
-    """Show and return the errors of position that plain and other parameters leave."""
-    left = {
+def _show_remaining_errors(
+    terminal: Terminal, plain: exporting.PlainExport
+) -> dict[str, dict[str, float]]:
+    """Show and return the mean and largest error of position that remains with each set."""
+    remaining_mm = {
         "nominal parameters": (plain.nominal.lost_mean_mm, plain.nominal.lost_max_mm),
         "these values": (plain.form.lost_mean_mm, plain.form.lost_max_mm),
     }
     if plain.std is not None:
-        left["all identified parameters, 1 σ"] = (plain.std.mean, plain.std.max)
-    rows = [(name, f"{mean:.4f}", f"{most:.4f}") for name, (mean, most) in left.items()]
+        remaining_mm["all identified parameters, 1 σ"] = (plain.std.mean, plain.std.max)
+    rows = [(name, f"{mean:.4f}", f"{most:.4f}") for name, (mean, most) in remaining_mm.items()]
     terminal.table("Remaining error of position (mm)", ("with", "mean", "max"), rows)
-    return {name: {"mean": mean, "max": most} for name, (mean, most) in left.items()}
+    return {name: {"mean": mean, "max": most} for name, (mean, most) in remaining_mm.items()}

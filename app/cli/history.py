@@ -1,6 +1,5 @@
-"""pkmcal history: parameters and errors over campaigns."""
+"""pkmcal history: show how parameters and errors of a robot change over its campaigns."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -26,6 +25,7 @@ ERRORS: tuple[Column[ParameterError], ...] = (
     words("unit", lambda row: row.unit),
 )
 Numbered = tuple[int, Epoch]
+"""Epoch with its number in the table, by which the lines below the table refer to it."""
 EPOCHS: tuple[Column[Numbered], ...] = (
     Column("no.", lambda row: row[0]),
     words("folder", lambda row: row[1].folder),
@@ -36,13 +36,6 @@ EPOCHS: tuple[Column[Numbered], ...] = (
     Column("hold-out", lambda row: row[1].unseen_mm),
     words("verdict", lambda row: row[1].decision),
 )
-
-
-@dataclass(frozen=True, slots=True)
-class HistoryAnswer:
-    """Answer of `history`."""
-
-    epochs: tuple[Epoch, ...]
 
 
 def command(terminal: Terminal, folders: Folders, *, csv: CsvFile = None) -> None:
@@ -57,10 +50,11 @@ def command(terminal: Terminal, folders: Folders, *, csv: CsvFile = None) -> Non
     for number, epoch in enumerate(epochs, start=1):
         if epoch.says:  # too long for a column
             terminal.say(f"{number}: {epoch.says}")
+    # by parameter first, then by date, so that the course of each parameter can be read downwards
     names = dict.fromkeys(error.name for epoch in epochs for error in epoch.parameters)
     errors = [e for name in names for epoch in epochs for e in epoch.parameters if e.name == name]
     terminal.rows("Parameters: identified minus nominal", ERRORS, errors)
     if csv is not None:
         replace_text(csv, csv_table(ERRORS, errors))
         terminal.say(f"written: {csv}")
-    terminal.conclude(HistoryAnswer(epochs))
+    terminal.conclude({"epochs": epochs})

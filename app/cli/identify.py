@@ -1,4 +1,4 @@
-"""pkmcal identify: the geometry from the measured shots."""
+"""pkmcal identify: find the parameters that explain the measured shots."""
 
 from typing import Annotated
 
@@ -37,8 +37,8 @@ def command(
     pkmcal identify cell-3 --hold-out 20%
     """
     with terminal.telling("identifying"):
-        found = update_by_check(campaign) if update else identify(campaign, options)
-    terminal.detail(f"model {found.model}, {found.seconds:.2f} s")
-    show_identification(terminal, found, campaign.robot.mechanism.parameters)
+        result = update_by_check(campaign) if update else identify(campaign, options)
+    terminal.detail(f"model {result.model}, {result.seconds:.2f} s")
+    show_identification(terminal, result, campaign.robot.mechanism.parameters)
     following = tell_next(terminal, campaign)
-    terminal.conclude(found.document(), following, is_good=found.verdict == "pass")
+    terminal.conclude(result.document(), following, is_good=result.verdict == "pass")

@@ -1,4 +1,4 @@
-"""pkmcal import: shots measured with other software."""
+"""pkmcal import: take shots that were measured with other software."""
 
 import shlex
 from collections.abc import Sequence
@@ -144,6 +144,7 @@ def command(
     pkmcal import cell-5 points.txt --unit mm
     pkmcal import cell-5 points.txt --stage before
     """
+    # 1. which file it is: a shots.csv holds the joints; a file of points needs them from another
     folder, file = folder_and_file(folder, file)
     campaign = open_campaign(folder)
     mechanism = campaign.robot.mechanism
@@ -169,6 +170,7 @@ def command(
             "other software",
             remedy="add --format ascii, or leave them out",
         )
+    # 2. read it; joints in both cases, lengths in mm
     points = None if joints is None else _read_asking(terminal, file, of_points)
     if points is None or joints is None:
         read_in = unit or "mm"
@@ -178,9 +180,10 @@ def command(
         rows, joined = join_shots(points, joints, mechanism, join=join, default=default)
         for note in (*points.notes, joined):
             terminal.note(note)
+    # 3. compare with the robot and the journal, and write the series
     force = force or (stage is None and _may_replace(terminal, campaign, rows, file))
     with terminal.telling(f"reading {file}") as now_at:
-        files = tuple(ImportedFile.of(each) for each in (file, joints) if each is not None)
+        files = tuple(ImportedFile.of(path) for path in (file, joints) if path is not None)
         now_at("comparing the shots with the robot and the journal")
         name, tell = str(file), terminal.note
         if stage is None:
@@ -195,25 +198,25 @@ def command(
         show_validation(terminal, done, campaign)
         return
     terminal.say(f"imported: {len(rows)} shots, as series {series}")
-    found = evaluate(campaign)
-    if found.before is None:
+    evaluation = evaluate(campaign)
+    if evaluation.before is None:
         again = shlex.join(["pkmcal", "import", str(campaign.folder), f"before{file.suffix}"])
         terminal.note(
             f"to import pairs measured with the controller's own parameters: {again} --stage before"
         )
-    following = tell_next(terminal, campaign, evaluation=found)
+    following = tell_next(terminal, campaign, evaluation=evaluation)
     terminal.conclude(ImportAnswer(series, len(rows)), following)
 
 
 def _read_asking(terminal: Terminal, file: Path, form: PointFormat) -> PointFile:
-    """Read points, and where the file has two sets of coordinates ask which one counts."""
+    """Read points; if the file has two sets of coordinates, ask which of them counts."""
     try:
         return read_points(file, form)
     except CoordinatesAmbiguous as error:
         prompt = terminal.prompt()
         typed = prompt(f"{error.problem}. Which ones count, actual or nominal? ") if prompt else ""
         if typed.strip() not in get_args(Coordinates):
-            raise
+            raise  # the error names the option that answers the question in a script
         return read_points(file, replace(form, coordinates=cast("Coordinates", typed.strip())))
 
 
@@ -226,7 +229,7 @@ def _may_replace(
 
 
 def _planned_joints(campaign: Campaign, file: Path, stage: str) -> Path:
-    """Return the joints file that `plan --program` wrote; raises `OptionsInvalid` without one."""
+    """Return the joints file that `plan --program` wrote; raise `OptionsInvalid` without one."""
     joints = joints_path(campaign.folder, stage)
     if not is_there(joints):
         raise OptionsInvalid(

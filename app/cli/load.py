@@ -1,4 +1,4 @@
-"""pkmcal load: the compensated parameters into the controller."""
+"""pkmcal load: write the compensated parameters into the controller."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ import typer
 
 from app.console import GOOD, Terminal
 from app.interrupt import StopRequest, asking, stop_on_signals, suspend
-from app.measuring import goes_on
+from app.measuring import wants_to_go_on
 from app.next import tell_next
 from app.options import Dry
 from app.run_screen import RunLines
@@ -25,8 +25,8 @@ from campaigns.options import LoadOptions
 from campaigns.workflow.loading import LoadResult, LoadTerms, Verification, load
 from drivers.values import Identity
 
-SURE = "Write these parameters into controller {serial}? The robot must stand still."
-MOVES = (
+QUESTION = "Write these parameters into controller {serial}? The robot must stand still."
+QUESTION_BEFORE_MOTION = (
     "Measure pairs, write these parameters into controller {serial}, measure again? "
     "The robot will move: is it clear?"
 )
@@ -79,12 +79,14 @@ def command(
     campaign.require_devices()
     wish = StopRequest()
 
-    def approve(controller: Identity, found: tuple[Change, ...]) -> None:
-        show(terminal, found)
+    def approve(controller: Identity, changes: tuple[Change, ...]) -> None:
+        show(terminal, changes)
         if not dry:
-            question = MOVES if options.verify else SURE
+            question = QUESTION_BEFORE_MOTION if options.verify else QUESTION
             terminal.require_yes(question.format(serial=controller.serial), yes=yes)
 
+    # `uninterrupted` holds from the first to the last record of the load: a signal there only sets
+    # the wish, because a load that ended half-way would leave parameters that were not compared.
     terms = LoadTerms(
         approve=approve, tell=terminal.note, uninterrupted=stop_on_signals(wish), dry=dry
     )
@@ -96,13 +98,13 @@ def command(
             prepare=partial(prepare, campaign),
             observer=display,
             stop_requested=wish,
-            goes_on=partial(_goes_on, wish, display, terminal),
+            goes_on=partial(_wants_to_go_on, wish, display, terminal),
         )
         cell = connected_cell(campaign, wish, terminal.alarm, terminal.prompt(display, wish))
         done = load(campaign, cell, options, watched)
     else:
         done = load(campaign, connected_robot(campaign, terminal.prompt()), options, terms)
-    _tell(terminal, done)
+    _show_outcome(terminal, done)
     if wish() and not wish.suspends:
         raise Interrupted(
             "load: interrupted once the parameters were written, and they are in",
@@ -116,31 +118,34 @@ def command(
         verification=done.verification,
     )
     terminal.conclude(answer, tell_next(terminal, campaign, held=done.state))
-    if wish.suspends:
+    if wish.suspends:  # Ctrl-Z while the parameters were written: all is done, suspend now
         suspend()
 
 
 @contextmanager
 def _watched(wish: StopRequest, display: RunLines) -> Iterator[None]:
-    """Take signals for a wish to stop, and show what is measured, during the block."""
+    """Turn signals into a wish to stop, and show the measurement, for the time of the block."""
     with stop_on_signals(wish), display:
         yield
 
 
-def _goes_on(wish: StopRequest, display: RunLines, terminal: Terminal) -> bool:
-    """Ask after Ctrl-Z; Ctrl-C takes back at once what is not verified."""
+def _wants_to_go_on(wish: StopRequest, display: RunLines, terminal: Terminal) -> bool:
+    """Return whether measuring goes on after Ctrl-Z; after Ctrl-C it never does.
+
+    A no restores the old parameters, because the new ones are not verified yet.
+    """
     if not wish.suspends:
         return False
     with display.paused(), asking():
-        answer = goes_on(wish, terminal)
-    if answer:
+        goes_on = wants_to_go_on(wish, terminal)
+    if goes_on:
         wish.withdraw()
-    return answer
+    return goes_on
 
 
-def _tell(terminal: Terminal, done: LoadResult) -> None:
-    """Say what was done."""
-    found = done.verification
+def _show_outcome(terminal: Terminal, done: LoadResult) -> None:
+    """Print what was written and how the pairs compare."""
+    verification = done.verification
     if done.outcome == "dry":
         terminal.say("nothing was written")
     elif done.outcome == "already":
@@ -148,16 +153,17 @@ def _tell(terminal: Terminal, done: LoadResult) -> None:
     else:
         terminal.say(f"loaded and verified: {done.source}", GOOD)
         terminal.say(f"the previous parameters: {done.kept}")
-    if found is not None:
+    if verification is not None:
         terminal.say(
-            f"distances of {found.pairs} pairs are off by {found.after_mm:.3f} mm on average, "
-            f"before it was {found.before_mm:.3f} mm",
+            f"distances of {verification.pairs} pairs are off by {verification.after_mm:.3f} mm on "
+            f"average, before it was {verification.before_mm:.3f} mm",
             GOOD,
         )
     if done.state is not None:
         terminal.say(f"the controller holds {done.state.says}")
 
 
-def show(terminal: Terminal, found: tuple[Change, ...]) -> None:
+def show(terminal: Terminal, changes: tuple[Change, ...]) -> None:
     """Show the parameters that would change."""
-    terminal.rows("Controller (mm, deg)", CHANGES, [each for each in found if each.delta != 0.0])
+    differing = [change for change in changes if change.delta != 0.0]
+    terminal.rows("Controller (mm, deg)", CHANGES, differing)

@@ -1,4 +1,4 @@
-"""pkmcal new: a campaign's folder."""
+"""pkmcal new: make a campaign's folder."""
 
 from dataclasses import dataclass
 from math import inf
@@ -54,7 +54,8 @@ def command(terminal: Terminal, folder: NewFolder, options: NewOptions) -> None:
 
 
 def ask_limits(terminal: Terminal, folder: Path) -> dict[str, float]:
-    """Ask for limits that the robot must meet; return those given, none without a terminal."""
+    """Ask for limits that the robot must meet; return those typed, none without a terminal."""
+    # first, because answers to questions would be lost if the folder were refused afterwards
     refuse_existing(folder / "campaign.yaml")
     prompt, limits = terminal.prompt(), dict[str, float]()
     if prompt is None:
@@ -73,6 +74,6 @@ def ask_limits(terminal: Terminal, folder: Path) -> dict[str, float]:
 def _number(text: str) -> float:
     """Return the number that was typed, 0 for other text."""
     try:
-        return float(text.replace(",", "."))
+        return float(text.replace(",", "."))  # many keyboards have a decimal comma
     except ValueError:
         return 0.0

@@ -1,4 +1,4 @@
-"""pkmcal plan: where to measure."""
+"""pkmcal plan: choose the poses to measure, and predict the uncertainty."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -19,7 +19,7 @@ from campaigns.workflow.programs import WrittenProgram, write_programs
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanAnswer:
-    """Answer of `plan`: what the plan holds, and the uncertainty that it will give."""
+    """Answer of `plan`: contents of the plan, and the uncertainty predicted for it."""
 
     shots: int
     pairs: int
@@ -29,9 +29,9 @@ class PlanAnswer:
     position_std_mm: Mapping[str, float]
     predicted_std: Mapping[str, float]
     weakest: Sequence[Mapping[str, object]]
-    """Of lengths and of angles the parameter with the largest σ."""
+    """Parameter with the largest σ, of lengths and of angles."""
     from_below: Sequence[float]
-    """Share of the shots to which each joint comes from a smaller value."""
+    """Share of the shots that each joint approaches from a smaller value."""
     fitting_lines_mm: Sequence[float] | None
     space: Mapping[str, object] | None
     """Candidates that the space refuses; None where nothing restricts it."""
@@ -70,8 +70,9 @@ def command(
     pkmcal plan cell-3 --until 0.02
     pkmcal plan cell-5 --program csv
     """
+    # --program alone writes the existing plan in another form: it may be measured in part already
     if programs.program and campaign.plan_path.exists() and options == PlanOptions() and not plot:
-        written = _write(terminal, campaign, programs)
+        written = _write_programs(terminal, campaign, programs)
         terminal.conclude(ProgramsAnswer(written), tell_next(terminal, campaign))
         return
     with terminal.telling("reading the campaign") as now_at:
@@ -84,22 +85,22 @@ def command(
 
         plot_plan(plot, planned.checked.shots, planned.forecast, campaign.space)
         terminal.say(f"drawn: {plot}")
-    written = _write(terminal, campaign, programs) if programs.program else ()
+    written = _write_programs(terminal, campaign, programs) if programs.program else ()
     answer = plan_answer(campaign, planned, until_mm, written)
     terminal.conclude(answer, tell_next(terminal, campaign))
 
 
-def _write(
+def _write_programs(
     terminal: Terminal, campaign: Campaign, options: ProgramOptions
 ) -> Sequence[WrittenProgram]:
-    """Write the programs and say so."""
+    """Write the tables of poses and joints, and print their names."""
     written = write_programs(campaign, options)
-    for each in written:
-        for note in each.notes:
+    for program in written:
+        for note in program.notes:
             terminal.note(note)
         terminal.say(
-            f"written: {each.path}, {each.shots} shots, about {each.seconds / 60.0:.0f} min; the "
-            f"joints that it commands: {each.joints_path}"
+            f"written: {program.path}, {program.shots} shots, about {program.seconds / 60.0:.0f} "
+            f"min; the joints that it commands: {program.joints_path}"
         )
     return written
 
@@ -129,7 +130,7 @@ def plan_answer(
         weakest=[
             {"name": row[0], "std": row[1], "unit": unit, "group": table[row[0]].field.group}
             for unit, row in worst.items()
-            if row is not None
+            if row is not None  # a mechanism of linear axes may have no angle
         ],
         from_below=forecast.from_below,
         fitting_lines_mm=planned.lines_mm,

@@ -1,4 +1,4 @@
-"""pkmcal report: the whole campaign on one page."""
+"""pkmcal report: write the whole campaign on one page."""
 
 import os
 import shutil
@@ -21,12 +21,17 @@ if TYPE_CHECKING:
     from app.report.page import Page
 
 FILE_NAME = "report.html"
-HEAD = 1000
-"""So many characters of a file show whether it is a report."""
+HEAD_BYTES = 1000
+"""Bytes at the beginning of a file that show whether it is a report."""
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
-QUIET = ("--headless", "--disable-gpu", "--no-first-run", "--disable-background-networking")
-PATIENCE_S = 120.0
+BROWSER_OPTIONS = (
+    "--headless",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+)
+PRINTING_TIMEOUT_S = 120.0
 
 
 def command(
@@ -48,7 +53,7 @@ def command(
 
     Exit code 1: the verdict is fail.
     """
-    browser = find_browser() if pdf else None
+    browser = find_browser() if pdf else None  # before the work: without one nothing is written
     tell_who_works(terminal, campaign)
     with terminal.telling("reading the campaign and drawing the figures"):
         page, path = report(campaign, to)
@@ -76,9 +81,9 @@ def command(
 
 
 def report(campaign: Campaign, to: Path | None = None) -> "tuple[Page, Path]":
-    """Write the report; return also what is on it.
+    """Write the report; return its contents and its path.
 
-    Raises `JournalFailed`, `OutputExists` or `WriteFailed`.
+    Raise `JournalFailed`, `OutputExists` or `WriteFailed`.
     """
     from app.report.page import page_of  # with matplotlib, 1 s that --help need not wait for
 
@@ -95,13 +100,13 @@ def _is_report(path: Path) -> bool:
         return False
     try:
         with path.open("rb") as file:
-            return b'name="generator" content="pkmcal' in file.read(HEAD)
+            return b'name="generator" content="pkmcal' in file.read(HEAD_BYTES)
     except OSError:
         return False
 
 
 def _refuse_other_file(path: Path) -> None:
-    """Replace nothing but an older report; raises `OutputExists`."""
+    """Raise `OutputExists` for a file that exists and is no report."""
     if not is_there(path):
         return
     if not _is_report(path):
@@ -111,7 +116,7 @@ def _refuse_other_file(path: Path) -> None:
 
 
 def find_browser() -> str:
-    """Return the path of an installed browser; raises `OptionsInvalid` if there is none."""
+    """Return the path of an installed browser; raise `OptionsInvalid` if there is none."""
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         raise OptionsInvalid(
@@ -122,17 +127,19 @@ def find_browser() -> str:
 
 
 def print_by_browser(browser: str, page: Path, pdf: Path) -> None:
-    """Print a page on A4; raises `WriteFailed`."""
+    """Print a page on A4; raise `WriteFailed` if the browser fails."""
+    # In a folder of its own, with a profile of its own: a browser that is open already must not
+    # take the page over, and what it leaves half written must not lie beside the report.
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
-        made = Path(scratch) / "page.pdf"
-        words = [browser, *QUIET, f"--user-data-dir={scratch}/profile"]
+        printed = Path(scratch) / "page.pdf"
+        words = [browser, *BROWSER_OPTIONS, f"--user-data-dir={scratch}/profile"]
         if os.geteuid() == 0:  # Chromium refuses to start its sandbox as root
             words.append("--no-sandbox")
-        words += [f"--print-to-pdf={made}", "--no-pdf-header-footer", page.resolve().as_uri()]
+        words += [f"--print-to-pdf={printed}", "--no-pdf-header-footer", page.resolve().as_uri()]
         try:
             # a browser that is installed, and a file that was just written
-            subprocess.run(words, capture_output=True, timeout=PATIENCE_S, check=True)  # noqa: S603
-            shutil.copyfile(made, pdf)
+            subprocess.run(words, capture_output=True, timeout=PRINTING_TIMEOUT_S, check=True)  # noqa: S603
+            shutil.copyfile(printed, pdf)
         except (OSError, subprocess.SubprocessError) as error:
             raise WriteFailed(
                 f"{pdf}: the browser could not print it ({type(error).__name__})",

@@ -1,4 +1,4 @@
-"""pkmcal robot: a robot file from the sizes of a symmetrical robot."""
+"""pkmcal robot: make a robot file from the sizes of a symmetrical robot."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ from drivers.texts import quoted
 LONGEST_MM = 100_000.0
 
 
-def _length(what: str) -> typer.models.OptionInfo:
-    return cast("typer.models.OptionInfo", typer.Option(metavar="MM", help=what))
+def _length(text: str) -> typer.models.OptionInfo:
+    return cast("typer.models.OptionInfo", typer.Option(metavar="MM", help=text))
 
 
 Kind = Annotated[str, typer.Argument(metavar="MECHANISM", help=f"One of {', '.join(MECHANISMS)}.")]
@@ -79,9 +79,10 @@ def command(
     pkmcal robot delta --base 200 --platform 45 --arm 300 --forearm 800
     pkmcal robot linear-delta --base 295 --platform 45 --forearm 520 --travel 900
     """
-    kind = _known(mechanism)
-    given = {"arm": arm, "forearm": forearm, "plate": plate, "pinion": pinion}
-    lengths = {f"{name}_mm": value for name, value in given.items() if value is not None}
+    # which lengths a mechanism needs, and which it has not, `symmetrical_robot` decides
+    kind = _find_mechanism(mechanism)
+    typed = {"arm": arm, "forearm": forearm, "plate": plate, "pinion": pinion}
+    lengths = {f"{name}_mm": value for name, value in typed.items() if value is not None}
     sizes = Sizes(base, platform, lengths, first)
     _check(sizes, travel, kind)
     path = to or Path(f"my-{kind.name}.yaml")
@@ -97,7 +98,8 @@ def command(
     terminal.conclude(answer, step)
 
 
-def _known(word: str) -> ClosedChain:
+def _find_mechanism(word: str) -> ClosedChain:
+    """Return the mechanism of a name; raise `OptionsInvalid` for an unknown one."""
     if word in MECHANISMS:
         return MECHANISMS[word]
     raise OptionsInvalid(f"mechanism '{word}' is not known", remedy=suggestion(word, MECHANISMS))
@@ -108,6 +110,7 @@ def _check(sizes: Sizes, travel: float | None, kind: ClosedChain) -> None:
     lengths = dict(sizes.lengths_mm) | {"base_mm": sizes.base_mm, "platform_mm": sizes.platform_mm}
     lengths |= {} if travel is None else {"travel_mm": travel}
     for name, value in lengths.items():
+        # all forearms may meet in one point; only the difference of the radii counts
         may_be_zero = name == "platform_mm"
         if not (0.0 < value <= LONGEST_MM) and not (may_be_zero and value == 0.0):
             raise OptionsInvalid(

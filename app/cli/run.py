@@ -1,7 +1,7 @@
-"""pkmcal run: measure the plan, or as much of it as the goal takes."""
+"""pkmcal run: measure the plan, or as many of its shots as the goal needs."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from app.console import Terminal
 from app.measuring import RunJob, find_measured, measure
@@ -21,7 +21,7 @@ from campaigns.workflow.running import predicted_end, run_preview, run_work, sta
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunAnswer:
-    """Answer of `run`: what was measured, and whether the goal is met."""
+    """Answer of `run`: what was measured, and whether the goal is met; None without a goal."""
 
     series: int
     shots: int
@@ -29,21 +29,6 @@ class RunAnswer:
     knowledge: PositionUncertainty | None
     settling: Mapping[str, object] | None
     skipped: Sequence[Mapping[str, object]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunPreviewAnswer:
-    """Answer of `run --dry`: what a run would measure, and the uncertainty predicted for a goal."""
-
-    shots: int
-    seconds_estimated: float
-    series: int | None
-    measured: int
-    left: Sequence[int] = ()
-    skipped: Sequence[int] = ()
-    seconds_left_estimated: float = 0.0
-    goal: Mapping[str, object] | None = None
-    knowledge: PositionUncertainty | None = None
 
 
 def command(
@@ -83,13 +68,14 @@ def command(
     if held is not None:
         terminal.note(f"since the last load the controller holds {held.says}")
     work = run_work(campaign, checked, options)
+    # a complete series is answered again and not measured again, unless --anew asks for a new one
     ran = None if anew else find_measured(campaign, work, terminal)
     if dry:
         tell_who_works(terminal, campaign)
         show_preview(terminal, campaign, checked, work, ran, anew=anew)
         return
     if ran is None:
-        predicted_end(campaign, work)
+        predicted_end(campaign, work)  # refuses a goal that the whole plan cannot reach
         preview = run_preview(campaign, checked.seconds, work, anew=anew)
         job = RunJob(campaign, work, preview, options.retry)
         ran = measure(job, terminal, yes=yes, anew=anew, plain=plain)
@@ -125,33 +111,34 @@ def show_preview(
     *,
     anew: bool,
 ) -> None:
-    """Say what a run would do, and the predicted uncertainty if there is a goal."""
+    """Show what a run would do, and the predicted uncertainty if there is a goal."""
+    answer: dict[str, object] = {
+        "shots": len(checked.shots),
+        "seconds_estimated": checked.seconds,
+        "series": ran and ran.series,
+        "measured": ran.shots if ran else 0,
+        "left": (),
+        "skipped": (),
+        "seconds_left_estimated": 0.0,
+        "goal": None,
+        "knowledge": None,
+    }
     predicted = None
-    if ran is None:
+    if ran is None:  # something is left to measure
         predicted = predicted_end(campaign, work)
         preview = run_preview(campaign, checked.seconds, work, anew=anew)
         terminal.say(preview_line(preview, work))
-        answer = RunPreviewAnswer(
-            shots=len(checked.shots),
-            seconds_estimated=checked.seconds,
-            series=preview.series,
-            measured=preview.measured,
-            left=preview.left,
-            skipped=preview.skipped,
-            seconds_left_estimated=preview.seconds,
-        )
-    else:
-        answer = RunPreviewAnswer(
-            shots=len(checked.shots),
-            seconds_estimated=checked.seconds,
-            series=ran.series,
-            measured=ran.shots,
-        )
+        answer |= {
+            "series": preview.series,
+            "measured": preview.measured,
+            "left": preview.left,
+            "skipped": preview.skipped,
+            "seconds_left_estimated": preview.seconds,
+        }
     terminal.say("the plan can be run; nothing was moved")
     if predicted is not None and work.goal_mm is not None:
         whole, shots = predicted
         terminal.say(f"predicted for the whole plan: {certainty(whole)}")
         terminal.say(f"goal {work.goal_mm:g} mm: {shots} shots to identify from will do")
-        goal = {"std_mm": work.goal_mm, "shots": shots}
-        answer = replace(answer, goal=goal, knowledge=whole)
+        answer |= {"goal": {"std_mm": work.goal_mm, "shots": shots}, "knowledge": whole}
     terminal.conclude(answer, tell_next(terminal, campaign))

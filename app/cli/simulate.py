@@ -1,4 +1,4 @@
-"""pkmcal sim: a simulated cell as servers."""
+"""pkmcal sim: serve a simulated cell."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -85,6 +85,7 @@ def command(
         seed=cell.seed,
         speed_up=loaded.speed_up,
     )
+    # signals are awaited before the addresses are printed: a reader may end the server at once
     with awaited_signal() as wait, server:
         Terminal(as_json=True, command="sim").conclude(answer)
         wait()

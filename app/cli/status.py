@@ -1,4 +1,4 @@
-"""pkmcal status: where a campaign is, and the one next command."""
+"""pkmcal status: show where a campaign is, and the next command."""
 
 from collections.abc import Iterator
 from dataclasses import fields
@@ -9,8 +9,8 @@ from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.workflow.status import CampaignStatus, campaign_status
 
 NOTHING_LEFT = ("nothing is left to do", "")
-LATEST = 5
-"""Series that are listed; `--json` has all."""
+LATEST_SERIES = 5
+"""Number of series that are listed; `--json` has all."""
 
 
 def command(terminal: Terminal, campaign: Campaign) -> None:
@@ -26,18 +26,19 @@ def command(terminal: Terminal, campaign: Campaign) -> None:
     terminal.conclude(answer | {"answer": status.decision or ""}, status.next)
 
 
-def _lines(found: CampaignStatus) -> Iterator[tuple[str, str]]:
+def _lines(status: CampaignStatus) -> Iterator[tuple[str, str]]:
     """Yield the lines of the answer with their styles."""
-    yield f"{found.name} ({found.robot}): {found.phase}", "bold"
-    if found.measuring is not None:
-        yield f"now: {found.measuring.says}", WARNING
-    yield from ((f"  series {s.series}, {s.says}", "") for s in found.series[-LATEST:])
-    yield from ((f"open: {text}", WARNING) for text in found.open)
-    yield from ((f"doubtful: {text}", WARNING) for text in found.doubtful)
-    if found.decision is not None:
-        if found.decision == NO_LIMIT and not found.validated:
+    yield f"{status.name} ({status.robot}): {status.phase}", "bold"
+    if status.measuring is not None:
+        yield f"now: {status.measuring.says}", WARNING
+    yield from ((f"  series {s.series}, {s.says}", "") for s in status.series[-LATEST_SERIES:])
+    yield from ((f"open: {text}", WARNING) for text in status.open)
+    yield from ((f"doubtful: {text}", WARNING) for text in status.doubtful)
+    if status.decision is not None:
+        # without limits a campaign has no verdict; before a validation it has nothing to judge yet
+        if status.decision == NO_LIMIT and not status.validated:
             text = "none: the robot has not been validated after calibration"
         else:
-            text = found.decision
-        yield f"verdict: {text}", DECISIONS[found.decision]
-    yield from ((line, "") for line in found.next.lines) if found.next else [NOTHING_LEFT]
+            text = status.decision
+        yield f"verdict: {text}", DECISIONS[status.decision]
+    yield from ((line, "") for line in status.next.lines) if status.next else [NOTHING_LEFT]

@@ -1,4 +1,4 @@
-"""pkmcal study: many simulated campaigns, to see how good a plan and how honest its σ is."""
+"""pkmcal study: simulate many campaigns of a plan, and compare their σ with the true errors."""
 
 import json
 import time
@@ -30,6 +30,8 @@ def command(
     The same command resumes; a larger N adds campaigns. Results depend on the seed, not on the
     workers. Exit code 1: campaigns were lost with their workers.
     """
+    # Every finished campaign is a line of the .jsonl file, so that a study can be interrupted and
+    # resumed; the .csv and .json files are made of all lines, also those of earlier calls.
     began_s, study = time.monotonic(), study_of(campaign, options)
     to = options.to or campaign.path("study")
     table = StudyTable(to / f"{study.file_name}.jsonl", study.table_head())

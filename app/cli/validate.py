@@ -1,4 +1,4 @@
-"""pkmcal validate: how good the robot is, as its user commands it."""
+"""pkmcal validate: measure how accurate the robot is as its user commands it."""
 
 from dataclasses import dataclass
 
@@ -40,8 +40,8 @@ def command(
     """Measure how accurate the robot is as its user commands it.
 
     Distances between the plan's validation pairs; motion of the point while only the plate turns;
-    straightness along x, y and z; repeatability of approaches from all sides; and, from the same
-    shots as the distances, absolute accuracy in the tracker's frame. With --only iso9283, pose
+    straightness along x, y and z; repeatability of approaches from all sides; and, from the shots
+    of the distances, absolute accuracy in the tracker's frame. With --only iso9283, pose
     accuracy AP and repeatability RP as the standard defines them: 30 visits from one direction to
     each of five poses in the largest cube; together with --only distances, the base frame is that
     of the pairs. Poses are commanded, so the controller's own parameters are tested. They are read
@@ -64,18 +64,22 @@ def command(
         return
     if stage == "after" and not any(campaign.config.acceptance.model_dump().values()):
         terminal.note(NO_LIMITS, WARNING)
-    again = validation.replaced(campaign, stage, options.tests)
-    asked = f"{again.problem}. Measure it again?" if again else ""
-    if again and not options.force and not terminal.asks(asked):
-        raise again
+    # 1. tests that are measured already: their results would be replaced
+    replaced = validation.replaced(campaign, stage, options.tests)
+    if replaced and not options.force:
+        question = f"{replaced.problem}. Measure it again?"
+        if not terminal.asks(question):
+            raise replaced
+    # 2. the controller's parameters contradict the stage: with the nominal ones it is not "after"
     with connected_robot(campaign) as controller:
         held = controller.read_geometry()
     wrong = validation.wrong_stage(campaign, held, stage, terminal.note, by=options.by)
     if wrong is not None and not options.force:
         raise wrong
-    objections = [*filter(None, (again, wrong))]
-    for each in objections:
-        terminal.note(f"! {each.problem}", WARNING)
+    # 3. both kinds of objection can be overridden, and are recorded in the journal then
+    objections = [*filter(None, (replaced, wrong))]
+    for objection in objections:
+        terminal.note(f"! {objection.problem}", WARNING)
     job = ValidationJob(campaign, terminal, options, held, objections, anew=anew)
-    found = measure(job, terminal, yes=yes, anew=anew, plain=plain)
-    show_validation(terminal, found, campaign)
+    validated = measure(job, terminal, yes=yes, anew=anew, plain=plain)
+    show_validation(terminal, validated, campaign)

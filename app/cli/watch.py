@@ -1,4 +1,4 @@
-"""pkmcal watch: a live page of a campaign."""
+"""pkmcal watch: serve a live page of a campaign."""
 
 import importlib
 import io
@@ -52,7 +52,7 @@ def command(
         if server.token:
             for line in qr_code(server.url):
                 terminal.note(line, "")
-        terminal.conclude({"url": server.url})
+        terminal.conclude({"url": server.url})  # before serving: a program waits for the address
         wait()
         server.shutdown()
         serving.join()
@@ -64,6 +64,6 @@ def qr_code(text: str) -> list[str]:
         segno = importlib.import_module("segno")
     except ModuleNotFoundError:
         return ["for a QR code of it: pip install segno"]
-    drawn = io.StringIO()
-    segno.make(text).terminal(drawn, compact=True)
-    return drawn.getvalue().splitlines()
+    drawing = io.StringIO()
+    segno.make(text).terminal(drawing, compact=True)
+    return drawing.getvalue().splitlines()

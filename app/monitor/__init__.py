@@ -1,1 +1,1 @@
-"""Live page of a campaign: reads its journal from a process of its own, never part of a run."""
+"""Live page of a campaign, served by a process of its own: a fault of the page stops no run."""

@@ -1,4 +1,4 @@
-"""Live state of a campaign: what `status` and the journal say, as plain data for the live page."""
+"""Live state of a campaign: its status and last journal records, as plain data for the page."""
 
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
@@ -14,9 +14,9 @@ from campaigns.measuring.run_state import LATEST_SHOTS, time_left_s
 from campaigns.workflow.status import campaign_status
 from drivers.texts import printable
 
-EVENTS = 8
+EVENTS_SHOWN = 8
 LONGEST_PAUSE_S = 600.0
-"""A longer time between two shots was a break, and says nothing about the pace."""
+"""Longest time between two shots that counts for the pace; a longer one was a break."""
 Entries = Sequence[Entry[records.Record]]
 NOT_MEASURED = {"colour": "grey", "state": "nothing was measured yet", "detail": ""}
 MEASURING = {"colour": "green", "state": "measuring", "detail": ""}
@@ -29,16 +29,16 @@ GONE = {
 
 
 def live_state(folder: Path) -> dict[str, object]:
-    """Return what the page shows; an error that keeps the campaign from being read is a state."""
+    """Return the contents of the page; a campaign that cannot be read is a state, too."""
     try:
         return _state(folder)
     except (CampaignError, OSError) as error:
-        what: dict[str, object] = {
+        return {
             "name": folder.resolve().name,
             "colour": "red",
             "state": "cannot be read",
+            "detail": printable(str(error)),
         }
-        return what | {"detail": printable(str(error))}
 
 
 def _state(folder: Path) -> dict[str, object]:
@@ -50,12 +50,13 @@ def _state(folder: Path) -> dict[str, object]:
             entries = journal.records()
     latest = status.series[-1] if status.series else None
     number = latest.series if latest else None
+    # records without a series, such as an operator's note, belong to whatever is measured
     of_series = [entry for entry in entries if entry.series in (None, number)]
     activity = _activity(of_series, is_held=is_held) if latest else NOT_MEASURED
     shots = [entry for entry in of_series if isinstance(entry.record, records.Outcome)]
     if activity == FINISHED and status.next:
         activity = FINISHED | {"state": f"finished: {status.next.text}"}
-    left = latest.planned - latest.shots if latest and latest.planned is not None else None
+    remaining = latest.planned - latest.shots if latest and latest.planned is not None else None
     last = shots[-1].record if shots else None
     return {
         "name": f"{status.name} (simulated)" if campaign.is_simulated else status.name,
@@ -63,20 +64,23 @@ def _state(folder: Path) -> dict[str, object]:
         "stage": latest.stage if latest else "",
         "done": latest.shots if latest else 0,
         "total": latest.planned if latest else None,
-        "ends_utc": _ends(shots, left) if activity == MEASURING else None,
+        "ends_utc": _ends(shots, remaining) if activity == MEASURING else None,
         "residual_mm": last.residual_mm if isinstance(last, records.Outcome) else None,
         "campaign": status.phase,
         "verdict": status.decision or "",
         "open": status.open,
         "doubtful": status.doubtful,
         "next": status.next.says if status.next else "",
-        "events": [*_events(of_series)][-1 : -EVENTS - 1 : -1],
+        "events": [*_events(of_series)][-1 : -EVENTS_SHOWN - 1 : -1],
         "latest_utc": entries[-1].at_utc if entries else None,
     }
 
 
 def _activity(entries: Entries, *, is_held: bool) -> dict[str, str]:
     """Return colour, state and detail by the last record of a series that shows its state."""
+    # Backwards from the newest record to the first one that decides. A broken beam counts only
+    # while the process lives, and until a record shows that work went on: then the loop ends, and
+    # whether the process holds the campaign decides between "measuring" and "gone".
     for entry in reversed(entries):
         match entry.record:
             case records.SeriesFinished():
@@ -98,15 +102,16 @@ def _activity(entries: Entries, *, is_held: bool) -> dict[str, str]:
     return MEASURING if is_held else GONE
 
 
-def _ends(shots: Entries, left: int | None) -> list[str] | None:
+def _ends(shots: Entries, remaining: int | None) -> list[str] | None:
     """Return the earliest and the latest end by the pace of the last shots; None if unknown."""
     at = [datetime.fromisoformat(shot.at_utc) for shot in shots[-LATEST_SHOTS:]]
     gaps_s = [(after - before).total_seconds() for before, after in pairwise(at)]
-    ends_s = time_left_s([s for s in gaps_s if s < LONGEST_PAUSE_S], left) if left else None
-    if ends_s is None:
+    paces_s = [gap_s for gap_s in gaps_s if gap_s < LONGEST_PAUSE_S]
+    interval_s = time_left_s(paces_s, remaining) if remaining else None
+    if interval_s is None:
         return None
     now = datetime.now(UTC)
-    return [(now + timedelta(seconds=s)).isoformat(timespec="seconds") for s in ends_s]
+    return [(now + timedelta(seconds=s)).isoformat(timespec="seconds") for s in interval_s]
 
 
 def _events(entries: Entries) -> list[dict[str, str]]:

@@ -1,7 +1,16 @@
 """Server of the live page: the page, and its state as JSON, which the page asks for.
 
-Only reads. Nothing that a visitor sends is used but the path, the token and the name of the host.
+The server only reads. Of what a visitor sends it uses the path, the token and the host's name.
 """
+
+# Who may see the page. On loopback there is no token, because only this machine can connect. But a
+# browser on this machine may be lured: a foreign page can give its own name the address 127.0.0.1
+# (DNS rebinding) and then read what is served here. Such a request carries the foreign name in its
+# Host header, so only loopback's own names are answered. At any other address a random token in the
+# URL is the password; it is compared in constant time.
+#
+# The page gets a new nonce with each visit, and its Content-Security-Policy allows no other script
+# or style: a text from the journal can never run as a script.
 
 import json
 import re
@@ -22,8 +31,9 @@ LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _NAMES_OF_LOOPBACK = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]+)?")
 LOOK_EVERY_S = 0.5
 PAUSE_PER_LOOK = 4.0
-"""Pause after a look, in times of what the look took: the run needs the processor."""
+"""Pause after a look, in multiples of its duration: the run needs the processor."""
 SLOW_READER_S = 10.0
+"""Longest wait for a visitor's bytes."""
 
 
 class LiveServer(ThreadingHTTPServer):
@@ -51,7 +61,8 @@ class LiveServer(ThreadingHTTPServer):
         return f"http://{host}:{self.server_address[1]}/{query}"
 
     def state_text(self) -> str:
-        """Return the state of the campaign, read again after a pause."""
+        """Return the state of the campaign as JSON, read again after a pause."""
+        # Many visitors share one reading: the lock lets one of them read, the others get its text.
         with self._looking:
             began_s = monotonic()
             if began_s >= self._look_again_s:
@@ -62,14 +73,15 @@ class LiveServer(ThreadingHTTPServer):
 
     @override
     def handle_error(self, request: object, client_address: object) -> None:
-        """Report no error for a visitor who left."""
+        """Print nothing about a visitor who has left: a traceback would hide the page's address."""
 
 
 def own_address() -> str:
     """Return this machine's address in its network, or its name where it has no network."""
+    # connecting a datagram socket sends nothing, but makes the system choose the outgoing address
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect(("192.0.2.1", 9))  # an address of documentation; nothing is sent
+            probe.connect(("192.0.2.1", 9))  # an address reserved for documentation
         except OSError:
             return socket.gethostname()
         return str(probe.getsockname()[0])
@@ -96,10 +108,7 @@ class _Visit(BaseHTTPRequestHandler):
             self._send(404, "text/plain", "there is only /\n")
 
     def _is_welcome(self, token: str) -> bool:
-        """Return whether the token is right; on loopback, whether the host's name is its own.
-
-        A page from elsewhere that lets its own name point here sends that name.
-        """
+        """Return whether the token is right; on loopback, whether the host is loopback's name."""
         if self.server.token:
             return secrets.compare_digest(token.encode(), self.server.token.encode())
         return _NAMES_OF_LOOPBACK.fullmatch(self.headers.get("Host", "")) is not None
@@ -122,4 +131,4 @@ class _Visit(BaseHTTPRequestHandler):
 
     @override
     def log_message(self, format: str, *arguments: object) -> None:
-        """Say nothing of visits."""
+        """Print no line for a visit."""

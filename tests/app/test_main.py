@@ -56,6 +56,7 @@ def test_every_command_explains_itself_as_the_list_of_commands_does(pkmcal, comm
     assert max(map(len, out.splitlines())) <= 100
     assert not re.search(r"list\[|<|\[\[|\{[A-Z]|x>=", out), "names of types"
     assert ("--json" in out) is (command != "sim"), "programs are spoken to"
+    assert out.index("\nOutput:\n") < out.index("-h, --help"), "in one section in every process"
     moves_or_changes = command in {"run", "validate", "check", "load"}
     assert ("--dry" in out and "--yes" in out) is moves_or_changes
 

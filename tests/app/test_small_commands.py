@@ -8,7 +8,7 @@ import pytest
 from command_line import change
 
 from app import new_campaign
-from app.cli.dry_run import prepared
+from app.cli.dry_run import prepare_campaign
 from app.console import Terminal
 from campaigns.campaign import open_campaign
 from campaigns.controllers.load import keep
@@ -126,7 +126,7 @@ def test_new_campaign_has_the_limits_of_its_scenario(pkmcal, tmp_path):
 
 
 def test_a_dry_run_has_a_controller_that_computes_plate_tilt_and_gears(tmp_path):
-    prepared(tmp_path / "try", "realistic", None, "delta")
+    prepare_campaign(tmp_path / "try", "realistic", None, "delta")
     cell = load_scenario(str(tmp_path / "try" / "cell.yaml"))
     assert cell.controller.computes_plate_tilt
     assert cell.controller.computes_transmission

@@ -72,7 +72,7 @@ def test_the_last_word_of_the_journal_gives_the_colour(
 
 def test_events_are_shown_the_latest_first_and_without_control_characters(state_of_run):
     state = state_of_run((*[LOST] * 20, Event("operator note", EVIL)))
-    assert len(state["events"]) == module.EVENTS
+    assert len(state["events"]) == module.EVENTS_SHOWN
     assert state["events"][0]["text"].startswith("<script>")
     assert "\x1b" not in state["events"][0]["text"]
 
