@@ -13,15 +13,15 @@ AXES = ("x", "y", "z")
 """Names of the coordinates of a point."""
 
 
-def batch(values: ArrayLike, columns: Sequence[str], what: str) -> Array:
-    """Return rows (N, k) of values by column, of which one row alone may be given, (k,).
+def batch(values: ArrayLike, columns: Sequence[str], quantity: str) -> Array:
+    """Return values as rows (N, k), of which a caller may give one row alone, (k,).
 
-    Raises `ValueError` with the shape.
+    Raise `ValueError` with both shapes and the columns' names if there are not `columns` of them.
     """
     rows = np.atleast_2d(np.asarray(values, dtype=np.float64))
     if rows.ndim != 2 or rows.shape[1] != len(columns):
         raise ValueError(
-            f"{what} have shape {np.shape(values)}, must have (N, {len(columns)}) or "
+            f"{quantity} have shape {np.shape(values)}, must have (N, {len(columns)}) or "
             f"({len(columns)},): {', '.join(columns)}"
         )
     return rows

@@ -12,7 +12,7 @@ from campaigns.arrays import Array, Mask
 Interval = tuple[float, float]
 
 MM_PER_RAD = 300.0
-"""Length of a typical crank, which compares a carriage's travel with a crank's turn."""
+"""Length of a typical crank: a carriage's travel of 300 mm compares with a turn of 1 rad."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Axis:
 
     @property
     def scale(self) -> float:
-        """Value that compares with one radian of a crank."""
+        """Travel that compares with one radian of a crank: 1 rad, or 300 mm."""
         return 1.0 if self.is_revolute else MM_PER_RAD
 
     def to_file(self, value: float) -> float:
@@ -65,5 +65,5 @@ TURN = Axis("theta", "revolute")
 
 
 def outside(values: Array, interval: Interval) -> Mask:
-    """Return which values leave an interval; NaN does not."""
+    """Return which values leave an interval; NaN leaves none."""
     return np.asarray((values < interval[0]) | (values > interval[1]))

@@ -1,8 +1,8 @@
 """Catalog of the mechanisms by their word in robot files; a new member needs a line here.
 
-The paper's method holds some parameters at nominal: azimuths (its hypothesis iii), what places the
-base frame, and what upright rails or a sliding platform cannot show. One model with priors needs no
-such list.
+The paper's method holds some parameters at nominal: azimuths (its hypothesis iii), the parameters
+that place the base frame, and those that no measurement determines because rails are upright or the
+platform slides. The model with priors needs no such list: there, every parameter is an unknown.
 """
 
 import importlib.util
@@ -17,7 +17,8 @@ from campaigns.kinematics.platforms import HingedPlate, Platform, SlidingBars
 FIRST_PLACE = ("azimuth_deg", "arm0.x_mm", "arm0.y_mm", "arm0.z_mm")
 UPRIGHT = ("azimuth_deg", "elevation_deg", "z_mm", "arm0.x_mm", "arm0.y_mm", "arm0.joint_offset_mm")
 SLIDE = ("arm2.x_mm", "pinion_mm")
-"""A shift of both sliding arms is a turn, and the pinion only scales turns: no point shows it."""
+"""Parameters that points do not determine: a shift of both sliding arms is a turn, and the pinion
+only scales turns."""
 
 PAR4 = ClosedChain("par4", Crank(), HingedPlate(shares=(0.0, 0.0, 1.0, 1.0)), FIRST_PLACE)
 """Four cranks and an articulated plate (paper eqs. 1-18), controlled on its first half."""
@@ -35,23 +36,23 @@ LINEAR_DELTA = ClosedChain("linear-delta", Carriage(), Platform(), (*UPRIGHT, "a
 MECHANISMS: Mapping[str, ClosedChain] = {
     chain.name: chain for chain in (PAR4, H4, I4R, I4L, DELTA, LINEAR_DELTA)
 }
-OFFERED = "pkmcal.mechanisms"
-"""Group of entry points by which other packages offer theirs."""
+ENTRY_POINTS = "pkmcal.mechanisms"
+"""Group of entry points by which other packages offer mechanisms."""
 PYTHON = ".py"
 
 
 def find_mechanism(word: object, folder: Path = Path()) -> ClosedChain | None:
     """Return a mechanism by its word: shipped, a file's (`my.py:OWN`), or another package's.
 
-    Files are seen from a folder. Return None for an unknown word; raise `ImportError`,
-    `AttributeError` or `TypeError` where a file or package gives no mechanism by that word.
+    Paths of files are relative to the folder. Return None for an unknown word; raise `ImportError`,
+    `AttributeError` or `TypeError` where a file or package has no mechanism of that name.
     """
     if not isinstance(word, str) or word in MECHANISMS:
         return MECHANISMS.get(str(word))
     file, _, name = word.rpartition(":")
     if file.endswith(PYTHON):
         return _load_mechanism(folder / file, name)
-    for offer in entry_points(group=OFFERED, name=word):
+    for offer in entry_points(group=ENTRY_POINTS, name=word):
         chain = offer.load()
         if not isinstance(chain, ClosedChain) or chain.name != word:
             raise TypeError(f"{offer.value} is {chain!r}, must be a ClosedChain named '{word}'")
@@ -60,9 +61,10 @@ def find_mechanism(word: object, folder: Path = Path()) -> ClosedChain | None:
 
 
 def _load_mechanism(file: Path, name: str) -> ClosedChain:
+    """Execute a file of Python and return the mechanism that it assigns to a name."""
     spec = importlib.util.spec_from_file_location(file.stem, file)
-    assert spec is not None, "as its name ends in .py"
-    assert spec.loader is not None, "as it is a file"
+    assert spec is not None, "the file's name ends in .py"
+    assert spec.loader is not None, "a file has a loader"
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)

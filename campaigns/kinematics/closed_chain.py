@@ -1,26 +1,27 @@
 """Parallel mechanisms as closed chains of limbs under a plate: forward model, inverse, derivatives.
 
-Each forearm is a parallelogram of two rods between an upper bar and a bar on the plate. With g the
-vector from the middle of the upper bar to the middle of the plate's, and e the difference of the
-two bars' unit vectors, the rods of arm i close where
+Theory of operation. Each forearm is a parallelogram of two rods between an upper bar and a bar on
+the plate. With g the vector from the middle of the upper bar to the middle of the plate's bar, and
+e the difference of the two bars' unit vectors, the rods of arm i close where
 
     sum         (|g|² - L²) / 2L = 0        L: mean length of the two rods
     difference  g·e / L - κ = 0             κ: difference of the rods over the parallelogram's width
 
 Unknown are y = (X, Y, Z[, θ]) and, of a robot with imperfect parts, the plate's small tilt ψ, a
 rotation vector about the measured point. Perfect parts keep the plate level: then the sums alone
-are solved. Three arms have as many closures as unknowns. Four have one more: all rods are taken as
+are solved. Three arms have 6 closures for 6 unknowns. Four arms have 8 for 7: all rods are taken as
 equally stiff, which minimises the sum of squares and weights a difference by half the width.
 
-`closures` says all this once, for level and tilted plates. Derivatives are complex steps of it,
-except those of a level plate, which are the forearms' directions. Arm i's fields touch arm i's
-closures alone, so one evaluation for a field serves all arms; the implicit function theorem makes
-derivatives of the pose of them.
+`closures` states these equations once, for level and tilted plates. Everything else is derived:
 
-For given joints there is more than one real assembly. The wanted one hangs below its elbows, turns
-less than the platform's limit, and has the sign of the closures' determinant that it has at home.
-Newton alone ends on a wrong one for about one pose in a hundred, so each answer is checked, and
-what fails is started again from other guesses.
+- forward model (`assemble`): Gauss-Newton on the closures from a pose nearby or from guesses;
+- inverse model (`inverse`): closed form for a level plate, a fixed point around it otherwise;
+- derivatives (`jacobian`): complex steps of the closures, and the implicit function theorem.
+
+For one set of joints there is more than one real assembly. The wanted one hangs below its elbows,
+turns less than the platform's limit, and has the sign of the closures' determinant that the robot
+has at home. Newton's method alone ends on a wrong assembly for about one pose in a hundred, so each
+answer is checked, and rows that fail are started again from other guesses.
 """
 
 from collections.abc import Mapping
@@ -38,25 +39,26 @@ from campaigns.kinematics.parameters import ParameterTable, Role
 from campaigns.kinematics.platforms import SAG, PlateGeometry, Platform, sag_basis
 
 HALF_WIDTH_MM = 45.0
-"""Half width of the parallelograms, which weights differences of rods: a drawing's value is near
-enough (30 and 70 mm give the same poses within 0.2 µm)."""
+"""Half width of the parallelograms, which weights differences of rods. The value of a drawing is
+accurate enough: 30 and 70 mm give the same poses within 0.2 µm."""
 CHUNK = 4096
 """Rows solved at a time, so that they stay in the processor's cache."""
-ITERATIONS = 40
+MOST_ITERATIONS = 40
 CONVERGED_MM = 1e-8
 """A Newton step shorter than this leaves an error of its square over the forearm's length."""
 STEP_MM, TURN_STEP_MM = 120.0, 35.0
 """Longest steps of a search: of the position, and of the turn times its lever."""
 TILTING = ("parallelogram_skew", "axis_tilt", "bar_turn")
+"""Stems of the fields that tilt the plate where they are not 0."""
 WELL_BELOW_MM = 100.0
 """Height below the usual guess at which the assembly mode at home is read off."""
-READ_ROUNDS = 30
-READ_TO_MM = 1e-9
+MOST_INVERSE_ROUNDS = 30
+INVERSE_ERROR_MM = 1e-9
 """Distance of a pose reached from the pose wanted that ends these rounds; the last one leaves a
 thousandth of it."""
 GUESSES = ((0.0, 0.0), (0.6, -40.0), (-0.6, -40.0), (0.0, -150.0), (0.9, 60.0), (-0.9, 60.0),
            (0.0, 150.0))  # fmt: skip
-"""Turn in rad and height in mm above the usual guess, tried in turn."""
+"""Turns in rad and heights in mm above the usual guess, in the order in which they are tried."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,7 @@ class Geometry:
 
     arms: Fields
     length: Array
-    """Platform's own length, (…, 1, 1)."""
+    """Platform's own length, (…, 1, 1): `plate_mm`, `pinion_mm`, or 0."""
     sag: Array
     """Parameters of the sag, (4,)."""
     plate: PlateGeometry
@@ -77,7 +79,7 @@ class Geometry:
 
     @property
     def compliance(self) -> Array:
-        """Yield of joints to a load of 1, (1, n), rad or mm."""
+        """Yield of each joint to a load of 1, (1, n), rad or mm."""
         return self.arms["compliance"]
 
 
@@ -86,11 +88,12 @@ class Assembly:
     """Poses that joints assemble to."""
 
     unknowns: Array
-    """Plate's pose, and its tilt where it tilts, (N, t) or (N, t + 3); NaN where not found."""
+    """Plate's pose without its sag, and its tilt if parts are imperfect, (N, t) or (N, t + 3); NaN
+    where no assembly is found."""
     poses: Array
-    """(N, t)"""
+    """Poses of the measured point with the plate's sag, (N, t)."""
     is_solved: Mask
-    """(N,)"""
+    """Rows with an assembly, (N,)."""
 
 
 @dataclass(frozen=True)
@@ -105,9 +108,9 @@ class ClosedChain:
     plate: PlateGeometry | None = None
     """Nominal places on the plate; None: typical ones."""
     rate: float = 0.0
-    """How often the joints' ripples repeat, as `parameters.rate` has it; 0 if unknown."""
+    """Ripple's repetition in the unit of `parameters.rate`: periods a turn, or mm; 0 if unknown."""
     controlled: Platform | None = None
-    """Platform seen from the controlled point, where the reflector is on another part."""
+    """Platform seen from the controlled point; None: `platform` is, for the reflector is there."""
 
     @property
     def joints(self) -> tuple[Axis, ...]:
@@ -133,7 +136,8 @@ class ClosedChain:
 
     @property
     def phase_rate(self) -> float:
-        """Phase of a ripple in rad over a reading in rad or mm."""
+        """Change N of a ripple's phase with a reading: rad over rad, or rad over mm."""
+        # files give cranks the periods in a turn, which is N itself, carriages the period in mm
         in_mm = self.parameters.rate.unit == "mm"
         return 2.0 * np.pi / self.rate if in_mm and self.rate else self.rate
 
@@ -142,41 +146,45 @@ class ClosedChain:
         return replace(self, plate=plate)
 
     def with_ripples(self, rate: float) -> Self:
-        """Return this mechanism with ripples that repeat as `parameters.rate` has it."""
+        """Return this mechanism with a ripple's repetition in the unit of `parameters.rate`."""
         return replace(self, rate=rate)
 
     def seen_from(self, part: int | None) -> Self:
         """Return this mechanism with the measured point on part 1 or 2; None: as controlled.
 
-        Parameters are the same: a frame takes up where on a part the point is.
+        Parameters do not change: a level part only translates, so that the place of the point on
+        its part is a constant vector, which the frame of the measurements absorbs.
         """
-        point = self.controlled or self.platform
+        controlled = self.controlled or self.platform
         if part is not None:
-            seen = point.seen_from(part)
-            return replace(self, platform=seen, controlled=None if seen == point else point)
+            measured = controlled.seen_from(part)
+            other = None if measured == controlled else controlled
+            return replace(self, platform=measured, controlled=other)
         if self.controlled is None:
             return self
         plate = self.plate and replace(self.plate, reflector_mm=(0.0, 0.0, 0.0))
-        return replace(self, platform=point, controlled=None, plate=plate)
+        return replace(self, platform=controlled, controlled=None, plate=plate)
 
     def geometry(self, p: Array) -> Geometry:
         """Sort a vector (P,) by fields; parameters beyond its end are 0."""
         whole = self.parameters.whole(p)
         named = {stem: whole[places][None] for stem, places in self._columns.items()}
-        length = named.get(self._own_length, np.zeros((1, 1)))
+        length = named.get(self._length_stem, np.zeros((1, 1)))
         sag = np.concatenate([named[field.stem][0] for field in SAG])
         return Geometry(named, length, sag, self.plate or self._typical_plate(named))
 
     @cached_property
     def _columns(self) -> Mapping[str, Index]:
-        """Places in a vector (P,) by stem."""
+        """Places in a vector (P,) by stem, without those of growth, which no robot file has."""
         size = len(self.parameters.of_robot)
-        return {stem: own for stem, own in self.parameters.columns.items() if own[0] < size}
+        return {
+            stem: places for stem, places in self.parameters.columns.items() if places[0] < size
+        }
 
     @cached_property
-    def _own_length(self) -> str:
-        """Stem of the platform's own field: `plate`, `pinion`, or nothing."""
-        stems = (f.stem for f in self.parameters.platform_fields())
+    def _length_stem(self) -> str:
+        """Stem of the platform's length: `plate`, `pinion`, or "" for a point."""
+        stems = (field.stem for field in self.parameters.platform_fields())
         return next(stems, "")
 
     def _typical_plate(self, fields: Fields) -> PlateGeometry:
@@ -184,29 +192,39 @@ class ClosedChain:
         return PlateGeometry.typical(outward, bars_follow_azimuths=self.limb.bars_follow_azimuths)
 
     # --- the closures and their derivatives ---------------------------------------------------
+    #
+    # With half width b, the rods of an arm are the vectors g ± b e, and their lengths L ± b κ:
+    #
+    #     |g ± b e|² = (L ± b κ)²
+    #
+    # Half the sum of both equations is |g|² = L², half their difference g·e = κ L. The sum leaves
+    # out b² (|e|² - κ²), which is of second order: 1e-5 mm of rod where parts are off by 2 mrad.
+    # If s is the sum's misfit and d the difference's, the two rods misfit by s ± b d. Equal rods
+    # take equal parts of it, and (s + b d)² + (s - b d)² = 2 (s² + (b d)²): hence the weight b.
 
-    def closures(self, geometry: Geometry, ends: Array, y: Array) -> Array:
+    def closures(self, geometry: Geometry, upper_ends: Array, y: Array) -> Array:
         """Return by how much the rods do not close, (…, N, n) or (…, N, 2 n), in mm.
 
-        `ends` (…, 3, N, n) are the forearms' upper ends, `y` (…, N, t) a level plate's pose or
+        `upper_ends` (…, 3, N, n) are those of the forearms, `y` (…, N, t) a level plate's pose or
         (…, N, t + 3) a tilted one's. Sums of all arms come first, then weighted differences.
         """
-        fields, size = geometry.arms, len(self.task)
-        forearm = self.lower_ends(geometry, y) - ends
-        if y.shape[-1] == size:
-            return _sums(forearm, fields["forearm"])
-        tilt = as_vectors(y[..., size:])
+        fields, task_size = geometry.arms, len(self.task)
+        forearms = self.lower_ends(geometry, y) - upper_ends
+        if y.shape[-1] == task_size:
+            return _sum_closures(forearms, fields["forearm"])
+        # the tilt turns the plate about the measured point, and its joints and bars with it
+        tilt = as_vectors(y[..., task_size:])
         on_plate = self._offsets(geometry, y) + geometry.plate.from_reflector_mm
-        forearm = forearm + rotation_less_identity(tilt, on_plate)
-        fixed = geometry.plate.outward_rad
-        across = fields["azimuth"] if fixed is None else np.array([fixed])
-        turned = across + fields["bar_turn"]
-        level = vectors(-np.sin(turned), np.cos(turned), 0.0)
-        bars = level + rotation_less_identity(tilt, level) - self.limb.upper_bars(fields, across)
-        differences = dot(forearm, bars) / fields["forearm"] - fields["parallelogram_skew"]
-        return np.concatenate(
-            [_sums(forearm, fields["forearm"]), HALF_WIDTH_MM * differences], axis=-1
-        )
+        forearms = forearms + rotation_less_identity(tilt, on_plate)
+        outward = geometry.plate.outward_rad
+        bar_azimuths = fields["azimuth"] if outward is None else np.array([outward])
+        turned = bar_azimuths + fields["bar_turn"]
+        level_bars = vectors(-np.sin(turned), np.cos(turned), 0.0)
+        lower_bars = level_bars + rotation_less_identity(tilt, level_bars)
+        e = lower_bars - self.limb.upper_bars(fields, bar_azimuths)
+        differences = dot(forearms, e) / fields["forearm"] - fields["parallelogram_skew"]
+        sums = _sum_closures(forearms, fields["forearm"])
+        return np.concatenate([sums, HALF_WIDTH_MM * differences], axis=-1)
 
     def lower_ends(self, geometry: Geometry, y: Array) -> Array:
         """Return the lower ends of the forearms on a level plate, (…, 3, N, n)."""
@@ -217,23 +235,40 @@ class ClosedChain:
         turn = y[..., 3 : len(self.task)] if len(self.task) > 3 else np.zeros((1, 1))
         return self.platform.offsets(geometry.length, turn)
 
-    def _by_unknowns(self, geometry: Geometry, ends: Array, y: Array) -> tuple[Array, Array]:
-        """Return the closures (N, m) and their derivatives by y, (N, m, k).
-
-        A level plate's closures change by its motion along the forearms.
-        """
+    # A level plate's derivatives are known in closed form: ∂s/∂X = g / L, the forearm's direction,
+    # and ∂s/∂θ = (g / L)·∂B/∂θ with the lower end B. A tilted plate's closures are stepped into
+    # the imaginary direction instead: F(y + ih) = F(y) + ih F'(y), exact to rounding for h = 1e-200
+    # (Squire and Trapp 1998). Both save the cancellation of differences.
+    def _differentiate_by_unknowns(
+        self, geometry: Geometry, upper_ends: Array, y: Array
+    ) -> tuple[Array, Array]:
+        """Return the closures (N, m) and their derivatives by y, (N, m, k)."""
         if y.shape[1] > len(self.task):
             steps = STEP * np.eye(y.shape[1])[:, None]
-            stepped = self.closures(geometry, ends, y + 1j * steps)
+            stepped = self.closures(geometry, upper_ends, y + 1j * steps)
             return stepped[0].real, np.moveaxis(stepped.imag, 0, -1) / STEP
-        forearm = self.lower_ends(geometry, y) - ends
-        along_forearm = forearm / geometry.arms["forearm"]
-        columns = [*along_forearm]
+        forearms = self.lower_ends(geometry, y) - upper_ends
+        directions = forearms / geometry.arms["forearm"]
+        columns = [*directions]
         if self.platform.has_two_parts:
             by_turn = self._offsets(geometry, np.asarray(y + 1j * STEP)).imag / STEP
-            columns.append(dot(along_forearm, by_turn))
-        return _sums(forearm, geometry.arms["forearm"]), np.stack(columns, axis=-1)
+            columns.append(dot(directions, by_turn))
+        return _sum_closures(forearms, geometry.arms["forearm"]), np.stack(columns, axis=-1)
 
+    # Implicit function theorem: the closures F(y, p) stay 0 at fixed joints, so that
+    #
+    #     dy/dp = -F_y⁺ F_p          F_y⁺ = (F_y' F_y)⁻¹ F_y'
+    #
+    # With four arms F_y has one row more than columns. The pseudo-inverse F_y⁺ is then the
+    # Gauss-Newton form: the curvature of rods that do not quite close is left out.
+    #
+    # 1. Joints with their yield, and the unknowns of a tilted plate: also where this robot's parts
+    #    are perfect, for the derivatives by imperfections are not 0 there.
+    # 2. Fields of an arm enter the closures of that arm alone. One evaluation with the fields of
+    #    all arms stepped at once therefore gives the derivatives by n parameters.
+    # 3. The platform's length enters all closures: an evaluation of its own.
+    # 4. Errors of the transmission act like the joint's offset, each times its factor.
+    # 5. The sag moves the pose after the closures are solved.
     def jacobian(
         self, p: Array, joints: Array, poses: Array, approach: Array | None = None
     ) -> Array:
@@ -243,74 +278,85 @@ class ClosedChain:
         singular pose.
         """
         geometry, table = self.geometry(p), self.parameters
-        true, size = self.true_joints(geometry, joints, approach), len(self.task)
-        loads = self._loads(geometry, true, poses[:, :size])
+        true, task_size = self.true_joints(geometry, joints, approach), len(self.task)
+        loads = self._weight_loads(geometry, true, poses[:, :task_size])
         true = true + geometry.compliance * loads
-        ends = self.limb.upper_ends(geometry.arms, true)
-        y = poses if poses.shape[1] > size else self._with_tilt(geometry, ends, poses)
-        _, by_y = self._by_unknowns(geometry, ends, y)
-        by_closures = _by_closures(by_y)[:, :size]
-        columns = np.zeros((len(joints), size, len(table.of_robot)))
-        by_fields = self._by_fields(geometry, true, y)
-        for (
-            stem,
-            by_field,
-        ) in by_fields.items():  # a field of arm i touches the closures of arm i alone
-            both = by_closures * by_field[:, None]
+        upper_ends = self.limb.upper_ends(geometry.arms, true)
+        has_tilt = poses.shape[1] > task_size
+        y = poses if has_tilt else self._append_tilt(geometry, upper_ends, poses)
+        _, by_unknowns = self._differentiate_by_unknowns(geometry, upper_ends, y)
+        by_closures = _unknowns_by_closures(by_unknowns)[:, :task_size]
+
+        columns = np.zeros((len(joints), task_size, len(table.of_robot)))
+        for stem, by_field in self._differentiate_by_fields(geometry, true, y).items():
+            both = by_closures * by_field[:, None]  # (N, t, 2 n): sum and difference of each arm
             columns[..., self._columns[stem]] = both.reshape(*both.shape[:2], 2, -1).sum(axis=2)
-        if self._own_length:
+
+        if self._length_stem:
             longer = replace(geometry, length=np.asarray(geometry.length + 1j * STEP))
-            by_length = self.closures(longer, ends, y).imag / STEP
-            columns[..., self._columns[self._own_length]] = by_closures @ by_length[..., None]
+            by_length = self.closures(longer, upper_ends, y).imag / STEP
+            columns[..., self._columns[self._length_stem]] = by_closures @ by_length[..., None]
+
         by_offset = columns[..., table.columns["joint_offset"]]
         for stem, factor in transmission.terms(joints, approach, self.phase_rate).items():
             if stem in self._columns:
                 columns[..., self._columns[stem]] = by_offset * factor[:, None]
         columns[..., self._columns["compliance"]] = by_offset * loads[:, None]
-        return self._with_sag(geometry, y, columns)
+        return self._add_sag(geometry, y, columns)
 
-    def _by_fields(self, geometry: Geometry, joints: Array, y: Array) -> dict[str, Array]:
+    def _differentiate_by_fields(
+        self, geometry: Geometry, joints: Array, y: Array
+    ) -> dict[str, Array]:
         """Return the derivatives of the closures (N, 2 n) by each field of their own arm."""
-        stems = [f.stem for f in self.parameters.arm_fields(Role.GEOMETRY, Role.EXTENSION)]
+        fields = self.parameters.arm_fields(Role.GEOMETRY, Role.EXTENSION)
+        stems = [field.stem for field in fields]
+        # step k is imaginary in field k alone: the leading axis counts them
         steps = 1j * STEP * np.eye(len(stems))[..., None, None]
-        arms = {
-            **geometry.arms,
-            **{stem: geometry.arms[stem] + step for stem, step in zip(stems, steps, strict=True)},
+        stepped_fields = {
+            stem: geometry.arms[stem] + step for stem, step in zip(stems, steps, strict=True)
         }
-        ends = self.limb.upper_ends(arms, joints)
-        stepped = self.closures(replace(geometry, arms=arms), ends, y).imag / STEP
+        arms = {**geometry.arms, **stepped_fields}
+        upper_ends = self.limb.upper_ends(arms, joints)
+        stepped = self.closures(replace(geometry, arms=arms), upper_ends, y).imag / STEP
         return dict(zip(stems, stepped, strict=True))
 
-    def _loads(self, geometry: Geometry, joints: Array, y: Array) -> Array:
-        """Return the loads (N, n) of joints by the plate's weight at poses (N, t) of a level plate.
+    # Virtual work: at equilibrium the moment of joint i balances the weight times dz/dq_i, the
+    # plate's rise by that joint's motion, dz/dq_i = -(F_y⁺ F_q)_zi. The weight itself is unknown
+    # and part of the parameter: a load counts as 1 where the joint lowers the plate by 300 mm a
+    # rad, or by 1 mm a mm. That loads change by the yielding and by other parameters is left out:
+    # of a yield of 0.2 mm the change is 0.1 µm, and of derivatives 1 in 1000.
+    def _weight_loads(self, geometry: Geometry, joints: Array, y: Array) -> Array:
+        """Return the loads (N, n) of joints by the plate's weight, at poses y (N, t), level."""
+        upper_ends = self.limb.upper_ends(geometry.arms, joints)
+        _, by_pose = self._differentiate_by_unknowns(geometry, upper_ends, y)
+        stepped_ends = self.limb.upper_ends(geometry.arms, np.asarray(joints + 1j * STEP))
+        by_joint = self.closures(geometry, stepped_ends, y).imag / STEP
+        rise_by_joint = _unknowns_by_closures(by_pose)[:, 2] * by_joint
+        return np.asarray(-rise_by_joint * self.joints[0].scale / MM_PER_RAD)
 
-        By virtual work a load is the weight times the plate's rise by the joint's motion; counted
-        here as 1 at 300 mm a rad. Their change by yielding and by other parameters is left out: of
-        0.2 mm it is 0.1 µm, and of derivatives 1 in 1000.
-        """
-        ends = self.limb.upper_ends(geometry.arms, joints)
-        _, by_pose = self._by_unknowns(geometry, ends, y)
-        moved = self.limb.upper_ends(geometry.arms, np.asarray(joints + 1j * STEP))
-        by_joint = self.closures(geometry, moved, y).imag / STEP
-        return np.asarray(
-            _by_closures(by_pose)[:, 2] * by_joint * -self.joints[0].scale / MM_PER_RAD
-        )
-
-    def _with_sag(self, geometry: Geometry, y: Array, columns: Array) -> Array:
-        """Add the sag's own columns to those of a plate that does not sag, and its slopes."""
+    # With the pose x of a plate without sag, the sagging plate's height is z + f(x; s), where f is
+    # linear in the parameters s. Derivatives by other parameters gain (∂f/∂x) dx/dp in the row of
+    # z, those by s are f's basis itself.
+    def _add_sag(self, geometry: Geometry, y: Array, columns: Array) -> Array:
+        """Add the sag's slopes to the columns (N, t, P) of a plate without it, and its columns."""
+        position = y[:, :3].T
         if geometry.sag.any():
-            stepped = sag_basis(*(y[:, :3].T + 1j * STEP * np.eye(3)[:, :, None]).swapaxes(0, 1))
+            steps = 1j * STEP * np.eye(3)[:, :, None]
+            stepped = sag_basis(*(position + steps).swapaxes(0, 1))
             slopes = np.einsum("s,skn->nk", geometry.sag, stepped.imag / STEP)
             columns[:, 2] += (slopes[:, None] @ columns[:, :3])[:, 0]
-        for field, lifted in zip(SAG, sag_basis(*y[:, :3].T), strict=True):
-            columns[:, 2, self._columns[field.stem][0]] = lifted
+        for field, rise in zip(SAG, sag_basis(*position), strict=True):
+            columns[:, 2, self._columns[field.stem][0]] = rise
         return columns
 
+    # A warm part is longer by the ratio γ (T - T0) in all its lengths: ∂X/∂γ = Σ length ∂X/∂length.
+    # Rails carry their scale along, so that a carriage's travel grows instead of an arm. The frame
+    # grows from its origin to the motors: P of the model is the motor's place less its plate
+    # joint's, so the plate joint's place is added again.
     def growth_columns(self, p: Array, by_p: Array, joints: Array) -> Array:
-        """Return ∂position (N, 3, 3) by the expansion of arms or rails, forearms, and frame.
+        """Return ∂position (N, 3, 3) by the relative growth of arms or rails, forearms, and frame.
 
-        Each is the sum of lengths times the derivatives by them, `by_p` (N, 3, P). A rail carries
-        its scale along; the frame grows from its origin to where the limbs are.
+        `by_p` (N, 3, P) are the derivatives of positions by parameters.
         """
         geometry, places = self.geometry(p), self._columns
         if "arm" in places:
@@ -338,162 +384,192 @@ class ClosedChain:
         signs of the joints' last motions.
         """
         geometry = self.geometry(p)
-        true, size = self.true_joints(geometry, joints, approach), len(self.task)
-        y = np.empty((len(joints), size + 3 if geometry.tilts else size))
+        true, task_size = self.true_joints(geometry, joints, approach), len(self.task)
+        y = np.empty((len(joints), task_size + 3 if geometry.tilts else task_size))
         is_solved = np.empty(len(joints), dtype=bool)
         for first in range(0, len(joints), CHUNK):
             rows = slice(first, first + CHUNK)
             start = None if near is None else near[rows]
-            y[rows], is_solved[rows] = self._assembled(geometry, true[rows], start)
+            y[rows], is_solved[rows] = self._assemble_chunk(geometry, true[rows], start)
         y[~is_solved] = np.nan
-        return Assembly(y, self._sagged(geometry, y), is_solved)
+        return Assembly(y, self._poses_with_sag(geometry, y), is_solved)
 
-    def _sagged(self, geometry: Geometry, y: Array) -> Array:
+    def _poses_with_sag(self, geometry: Geometry, y: Array) -> Array:
         """Return the poses (N, t) of a plate whose unknowns y (N, k) leave its sag out."""
         poses = y[:, : len(self.task)].copy()
         if geometry.sag.any():
             poses[:, 2] += geometry.sag @ sag_basis(*y[:, :3].T)
         return poses
 
-    def _assembled(
+    # 1. Solve a level plate from the pose nearby, then rows that failed from one guess after the
+    #    other, until each has the wanted assembly or no guess is left. The tilt is left out here:
+    #    three or four unknowns are fast, and it decides nothing about the assembly.
+    # 2. Let joints yield to the plate's weight at the poses found.
+    # 3. Solve once more from these poses, now with the yielded joints and with the tilt.
+    def _assemble_chunk(
         self, geometry: Geometry, joints: Array, near: Array | None
     ) -> tuple[Array, Mask]:
-        """Solve one chunk: a level plate from each start until one is right, then tilt and load."""
-        sign, size = self.assembly_sign(geometry), len(self.task)
-        starts = [] if near is None else [near[:, :size]]
-        ends = self.limb.upper_ends(geometry.arms, joints)
-        y, is_solved = np.empty((len(joints), size)), np.zeros(len(joints), dtype=bool)
-        for number in range(len(starts) + len(GUESSES)):
+        """Return the unknowns (N, k) of one chunk of joints (N, n), and which rows are solved."""
+        sign, task_size = self.assembly_sign(geometry), len(self.task)
+        upper_ends = self.limb.upper_ends(geometry.arms, joints)
+        y, is_solved = np.empty((len(joints), task_size)), np.zeros(len(joints), dtype=bool)
+        for guess in (None, *GUESSES):
             rows = np.flatnonzero(~is_solved)
             if not len(rows):
                 break
-            if number < len(starts):
-                start = starts[number]
+            ends = upper_ends[:, rows]
+            if guess is not None:
+                start = self._guess_poses(geometry, ends, *guess)
+            elif near is not None:
+                start = near[rows, :task_size]
             else:
-                start = self._guess(geometry, ends[:, rows], *GUESSES[number - len(starts)])
-            y[rows], settled = self._newton(geometry, ends[:, rows], start)
-            wanted = self._is_wanted(geometry, ends[:, rows], y[rows], sign)
-            is_solved[rows] = settled & wanted
-        ends = ends[:, is_solved]
+                continue
+            y[rows], has_converged = self._solve_by_newton(geometry, ends, start)
+            is_solved[rows] = has_converged & self._is_wanted(geometry, ends, y[rows], sign)
+        upper_ends = upper_ends[:, is_solved]
         if geometry.compliance.any():
-            loads = self._loads(geometry, joints[is_solved], y[is_solved])
+            loads = self._weight_loads(geometry, joints[is_solved], y[is_solved])
             yielded = joints[is_solved] + geometry.compliance * loads
-            ends = self.limb.upper_ends(geometry.arms, yielded)
+            upper_ends = self.limb.upper_ends(geometry.arms, yielded)
         if geometry.tilts:
             y = np.pad(y, ((0, 0), (0, 3)))
         if geometry.tilts or geometry.compliance.any():
-            y[is_solved], is_solved[is_solved] = self._newton(geometry, ends, y[is_solved])
+            again = self._solve_by_newton(geometry, upper_ends, y[is_solved])
+            y[is_solved], is_solved[is_solved] = again
         return y, is_solved
 
+    # Gauss-Newton with a limit of each step, so that a start far away is not thrown beyond its
+    # assembly. Rows that have arrived leave the batch. A row has arrived if its step is below
+    # 1e-8 mm and its sums close within 1 mm: the squares of the misfits have minima that are no
+    # assembly, where the step vanishes but the rods stay apart by many mm.
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-    def _newton(self, geometry: Geometry, ends: Array, start: Array) -> tuple[Array, Mask]:
-        """Return unknowns from starts (N, k) by limited Gauss-Newton steps, and which settled."""
-        y, settled, size = start.copy(), np.zeros(len(start), dtype=bool), len(self.task)
-        lever_mm, active = self._lever_mm(geometry), np.arange(len(start))
-        for _ in range(ITERATIONS):
-            step, misfit = self._gauss_newton_step(geometry, ends[:, active], y[active])
-            way = np.abs(step[:, :3]).max(axis=1)
-            turned = lever_mm * np.abs(step[:, 3:size]).sum(axis=1)
-            shorter = np.maximum(np.maximum(way / STEP_MM, turned / TURN_STEP_MM), 1.0)
-            y[active] += step / shorter[:, None]
-            size_mm = way + turned + 50.0 * np.abs(step[:, size:]).sum(axis=1)
-            # a minimum that leaves 1 mm is no assembly
-            settled[active] = (size_mm < CONVERGED_MM) & (misfit < 1.0)
+    def _solve_by_newton(
+        self, geometry: Geometry, upper_ends: Array, start: Array
+    ) -> tuple[Array, Mask]:
+        """Return the unknowns (N, k) that starts (N, k) lead to, and which rows have converged."""
+        y, has_converged = start.copy(), np.zeros(len(start), dtype=bool)
+        lever_mm, task_size, active = (
+            self._lever_mm(geometry),
+            len(self.task),
+            np.arange(len(start)),
+        )
+        for _ in range(MOST_ITERATIONS):
+            step, misfit_mm = self._gauss_newton_step(geometry, upper_ends[:, active], y[active])
+            shift_mm = np.abs(step[:, :3]).max(axis=1)
+            turn_mm = lever_mm * np.abs(step[:, 3:task_size]).sum(axis=1)
+            tilt_mm = 50.0 * np.abs(step[:, task_size:]).sum(axis=1)  # at about a plate's radius
+            shorten = np.maximum(np.maximum(shift_mm / STEP_MM, turn_mm / TURN_STEP_MM), 1.0)
+            y[active] += step / shorten[:, None]
+            size_mm = shift_mm + turn_mm + tilt_mm
+            has_converged[active] = (size_mm < CONVERGED_MM) & (misfit_mm < 1.0)
             active = active[(size_mm >= CONVERGED_MM) & np.isfinite(size_mm)]
             if not len(active):
                 break
-        return y, settled
+        return y, has_converged
 
-    def _gauss_newton_step(self, geometry: Geometry, ends: Array, y: Array) -> tuple[Array, Array]:
-        """Return the whole steps (N, k) from unknowns y, and the largest misfits there, mm."""
-        residual, by_y = self._by_unknowns(geometry, ends, y)
+    def _gauss_newton_step(
+        self, geometry: Geometry, upper_ends: Array, y: Array
+    ) -> tuple[Array, Array]:
+        """Return the steps -F_y⁺ F (N, k) from unknowns y, and the largest misfits there, mm."""
+        residual, by_y = self._differentiate_by_unknowns(geometry, upper_ends, y)
         transposed = by_y.swapaxes(1, 2)
-        normal = transposed @ by_y + 1e-14 * np.eye(y.shape[1])  # no exception where singular
+        # without the 1e-14 one singular row would raise an exception for all rows
+        normal = transposed @ by_y + 1e-14 * np.eye(y.shape[1])
         step = -np.linalg.solve(normal, transposed @ residual[..., None])[..., 0]
-        return np.asarray(step), np.abs(residual[:, : ends.shape[2]]).max(axis=1)
+        return np.asarray(step), np.abs(residual[:, : upper_ends.shape[2]]).max(axis=1)
 
     def _lever_mm(self, geometry: Geometry) -> float:
         """Return the lever that makes the platform's turn a length, for this robot's sizes."""
         forearm_mm = float(np.mean(geometry.arms["forearm"]))
         return self.platform.lever_mm(float(geometry.length[0, 0]), forearm_mm)
 
-    def _guess(self, geometry: Geometry, ends: Array, turn_rad: float, lift_mm: float) -> Array:
+    # With the horizontal distances a_i of the upper ends from their middle, forearms of length L_i
+    # that met below it would hang by √(L_i² - a_i²): the root of the mean square is the drop.
+    def _guess_poses(
+        self, geometry: Geometry, upper_ends: Array, turn_rad: float, lift_mm: float
+    ) -> Array:
         """Return poses (N, t) of a platform that hangs under the middle of its upper ends."""
-        middle = ends.mean(axis=-1)
-        outward2 = ((ends[:2] - middle[:2, :, None]) ** 2).sum(axis=0)
+        middle = upper_ends.mean(axis=-1)
+        outward2 = ((upper_ends[:2] - middle[:2, :, None]) ** 2).sum(axis=0)
         drop = np.sqrt(np.maximum(geometry.arms["forearm"] ** 2 - outward2, 0.0).mean(axis=-1))
         aside = self.platform.offsets(geometry.length, np.array([[turn_rad]])).mean(axis=-1)
-        pose = [middle[0] - aside[0], middle[1] - aside[1], middle[2] - drop + lift_mm]
+        position = [middle[0] - aside[0], middle[1] - aside[1], middle[2] - drop + lift_mm]
         turns = [np.full_like(drop, turn_rad)] * (len(self.task) - 3)
-        return np.stack([*pose, *turns], axis=1)
+        return np.stack([*position, *turns], axis=1)
 
+    # Two assemblies meet at a singular pose, where det F_y vanishes, and have opposite signs of it
+    # on either side: the sign distinguishes them. At home it is taken with the platform well below
+    # its place, far from any singular pose; the forearms need not close there.
     def assembly_sign(self, geometry: Geometry) -> float:
         """Return the sign of the closures' determinant at home: joints 0, platform well below."""
-        ends = self.limb.upper_ends(geometry.arms, np.zeros((1, self.platform.arms)))
-        pose = self._guess(geometry, ends, 0.0, -WELL_BELOW_MM)
-        _, by_pose = self._by_unknowns(geometry, ends, pose)
+        upper_ends = self.limb.upper_ends(geometry.arms, np.zeros((1, self.platform.arms)))
+        pose = self._guess_poses(geometry, upper_ends, 0.0, -WELL_BELOW_MM)
+        _, by_pose = self._differentiate_by_unknowns(geometry, upper_ends, pose)
         return float(np.sign(np.linalg.det(by_pose))[0])
 
     @np.errstate(invalid="ignore", over="ignore")
-    def _is_wanted(self, geometry: Geometry, ends: Array, poses: Array, sign: float) -> Mask:
+    def _is_wanted(self, geometry: Geometry, upper_ends: Array, poses: Array, sign: float) -> Mask:
         """Return which poses (N, t) hang below their upper ends, in the assembly mode of home."""
-        _, by_pose = self._by_unknowns(geometry, ends, poses)
-        wanted = (poses[:, 2] < ends[2].mean(axis=-1)) & (np.linalg.det(by_pose) * sign > 0.0)
+        _, by_pose = self._differentiate_by_unknowns(geometry, upper_ends, poses)
+        is_below = poses[:, 2] < upper_ends[2].mean(axis=-1)
+        is_mode_of_home = np.linalg.det(by_pose) * sign > 0.0
         turned_over = np.abs(poses[:, 3:]) >= self.platform.turn_limit_rad
-        return np.asarray(wanted & ~turned_over.any(axis=1))
+        return np.asarray(is_below & is_mode_of_home & ~turned_over.any(axis=1))
 
-    def _with_tilt(self, geometry: Geometry, ends: Array, poses: Array) -> Array:
+    def _append_tilt(self, geometry: Geometry, upper_ends: Array, poses: Array) -> Array:
         """Return the unknowns (N, t + 3) of poses (N, t) of forearms with these upper ends."""
         y = np.pad(poses, ((0, 0), (0, 3)))
         if geometry.sag.any():
             y[:, 2] -= geometry.sag @ sag_basis(*y[:, :3].T)
-        return self._newton(geometry, ends, y)[0] if geometry.tilts else y
+        return self._solve_by_newton(geometry, upper_ends, y)[0] if geometry.tilts else y
 
     # --- inverse --------------------------------------------------------------------------------
 
+    # A level plate's joints have a closed form, one arm at a time. Tilt, sag and yield change the
+    # pose by little, so a fixed point around that form converges in a few rounds:
+    #
+    # 1. joints of the goal, at first the pose wanted, by the closed form;
+    # 2. one Gauss-Newton step of the forward model at these joints: the pose reached;
+    # 3. goal += pose wanted - pose reached, and again from 1.
+    #
+    # The forward model needs no more than one step a round: both settle together.
     def inverse(self, p: Array, poses: Array, approach: Array | None = None) -> tuple[Array, Mask]:
-        """Return the encoder readings (N, n) of poses (N, t), and in which rows there are any.
-
-        A level plate's joints follow directly. Where it tilts or sags, or joints yield, the target
-        is moved against the difference between the pose wanted and the pose reached, until both
-        agree.
-        """
+        """Return the encoder readings (N, n) of poses (N, t), and which rows are solved."""
         geometry, goal = self.geometry(p), poses.copy()
-        joints, is_solved = self._level_inverse(geometry, goal)
+        joints, is_solved = self._inverse_of_level_plate(geometry, goal)
         is_level = not (geometry.tilts or geometry.compliance.any() or geometry.sag.any())
         y = np.pad(poses, ((0, 0), (0, 3))) if geometry.tilts else poses.copy()
         rows = np.flatnonzero(is_solved)
-        for _ in range(0 if is_level else READ_ROUNDS):
-            # one step of the forward model a round: both settle together
+        for _ in range(0 if is_level else MOST_INVERSE_ROUNDS):
             true = joints[rows]
             if geometry.compliance.any():
-                true = true + geometry.compliance * self._loads(geometry, true, goal[rows])
-            ends = self.limb.upper_ends(geometry.arms, true)
-            step, _ = self._gauss_newton_step(geometry, ends, y[rows])
+                true = true + geometry.compliance * self._weight_loads(geometry, true, goal[rows])
+            upper_ends = self.limb.upper_ends(geometry.arms, true)
+            step, _ = self._gauss_newton_step(geometry, upper_ends, y[rows])
             y[rows] += step
-            error = poses[rows] - self._sagged(geometry, y[rows])
+            error = poses[rows] - self._poses_with_sag(geometry, y[rows])
             goal[rows] += error
-            joints[rows], held = self._level_inverse(geometry, goal[rows])
-            is_solved[rows] = held & np.isfinite(error).all(axis=1)
-            moving = np.maximum(np.abs(error).max(axis=1), np.abs(step).max(axis=1))
-            rows = rows[is_solved[rows] & (moving > READ_TO_MM)]
+            joints[rows], is_within_reach = self._inverse_of_level_plate(geometry, goal[rows])
+            is_solved[rows] = is_within_reach & np.isfinite(error).all(axis=1)
+            change = np.maximum(np.abs(error).max(axis=1), np.abs(step).max(axis=1))
+            rows = rows[is_solved[rows] & (change > INVERSE_ERROR_MM)]
             if not len(rows):
                 break
         joints[~is_solved] = np.nan
-        read = transmission.encoder_readings(geometry.arms, joints, approach, self.phase_rate)
-        return read, is_solved
+        readings = transmission.encoder_readings(geometry.arms, joints, approach, self.phase_rate)
+        return readings, is_solved
 
-    def _level_inverse(self, geometry: Geometry, poses: Array) -> tuple[Array, Mask]:
+    def _inverse_of_level_plate(self, geometry: Geometry, poses: Array) -> tuple[Array, Mask]:
         return self.limb.inverse(geometry.arms, self.lower_ends(geometry, poses))
 
     # --- singularities and transmission -------------------------------------------------------
 
-    def singular_values(self, geometry: Geometry, ends: Array, poses: Array) -> Array:
-        """Return the smallest singular value of the closures' Jacobian, (N,), of a level plate.
-
-        Rows are of unit length, columns of angles divided by a lever first.
-        """
-        _, by_pose = self._by_unknowns(geometry, ends, poses)
+    # The smallest singular value σ of F_y bounds how far the plate can move with its joints held:
+    # rods that give way by ε let it move by ε / σ. Rows of unit length and a turn counted at a
+    # lever make σ a number that means the same for robots of every size.
+    def singular_values(self, geometry: Geometry, upper_ends: Array, poses: Array) -> Array:
+        """Return the smallest singular value of the closures' Jacobian, (N,), of a level plate."""
+        _, by_pose = self._differentiate_by_unknowns(geometry, upper_ends, poses)
         by_pose[..., 3:] /= self._lever_mm(geometry)
         by_pose /= np.linalg.norm(by_pose, axis=-1, keepdims=True)
         return np.asarray(np.linalg.svd(by_pose, compute_uv=False)[:, -1])
@@ -504,6 +580,8 @@ class ClosedChain:
         """Return where joints are, less their offsets, at encoder readings (N, n)."""
         return transmission.true_joints(geometry.arms, joints, approach, self.phase_rate)
 
+    # Derivatives by q of the terms in `transmission`: k of the ratio, at most |a| and |b| of an
+    # eccentricity, N |c| and N |d| of a ripple, 0 of backlash; their sum bounds the whole.
     def steepest_error(self, p: Array) -> float:
         """Return a bound of the change of any joint's error over its motion."""
         fields = self.geometry(p).arms
@@ -521,16 +599,19 @@ class ClosedChain:
         return np.asarray(stepped.imag / STEP)
 
 
-def _sums(forearm: Array, forearm_mm: Array) -> Array:
-    return np.asarray((dot(forearm, forearm) - forearm_mm**2) / (2.0 * forearm_mm))
+def _sum_closures(forearms: Array, forearm_mm: Array) -> Array:
+    """Return (|g|² - L²) / 2L of forearms g (…, 3, N, n): about the rods' misfit |g| - L, mm."""
+    return np.asarray((dot(forearms, forearms) - forearm_mm**2) / (2.0 * forearm_mm))
 
 
-def _by_closures(by_y: Array) -> Array:
-    """Return the derivatives of the unknowns by the closures, (N, k, m), from (N, m, k)."""
+def _unknowns_by_closures(by_y: Array) -> Array:
+    """Return -F_y⁺, the derivatives (N, k, m) of unknowns by closures, from F_y (N, m, k)."""
     transposed = by_y.swapaxes(1, 2)
     return np.asarray(-np.linalg.solve(transposed @ by_y, transposed))
 
 
+# Rodrigues' formula to second order: R v - v = ψ × v + ½ ψ × (ψ × v). Of a Par4 with rods that
+# differ by 0.2 mm and axes tilted by 2 mrad the first order leaves 6 µm rms, the second 0.1 µm.
 def rotation_less_identity(rotation: Array, vectors: Array) -> Array:
     """Return (R - 1) v to second order of a rotation vector: 0.01 rad over 60 mm leave 10 nm."""
     first = cross(rotation, vectors)

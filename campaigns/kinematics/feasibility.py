@@ -11,7 +11,7 @@ from campaigns.kinematics.axes import Interval, outside
 from campaigns.kinematics.closed_chain import ClosedChain
 
 SINGULARITY_MARGIN = 0.2
-"""Smallest singular value of the closures' unit rows, columns of angles divided by a lever."""
+"""Least singular value that `ClosedChain.singular_values` may have, if a robot file gives none."""
 ELBOW_MARGIN = 0.05
 """Smallest share of a forearm along which its joint moves it: below, the arm is stretched."""
 LEAST_TURN_RAD = np.pi / 4
@@ -20,20 +20,21 @@ LEAST_TURN_RAD = np.pi / 4
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Motion limits of a robot, and how near it may come to what it cannot do."""
+    """Motion limits of a robot, and its least distances from singular poses."""
 
     joint: Interval
     """Limits of every joint, rad or mm."""
     task: tuple[Interval | None, ...]
     """Limits of each task coordinate; None: only the workspace limits it."""
     forearm_swing_rad: float
+    """Largest swing of a forearm out of its arm's plane, or away from its rail."""
     singularity_margin: float = SINGULARITY_MARGIN
     elbow_margin: float = ELBOW_MARGIN
 
     def narrowed_by(
         self, *, joint: float = 0.0, task: float = 0.0, swing_rad: float = 0.0
     ) -> "Limits":
-        """Return limits narrower by some amounts at each end; negative amounts widen them."""
+        """Return limits narrower by these amounts at each end; negative amounts widen them."""
         low, high = self.joint
         return replace(
             self,
@@ -57,7 +58,7 @@ class Violation(IntFlag):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Feasibility:
-    """Margins of poses, and what they violate. Rows out of reach hold NaN in every margin."""
+    """Margins of poses, and the limits that poses violate. Rows out of reach hold NaN margins."""
 
     chain: ClosedChain
     limits: Limits
@@ -82,9 +83,10 @@ class Feasibility:
     def describe(self, row: int, limits: Limits | None = None) -> list[str]:
         """Name the violations of one pose in words, each with its value and limit.
 
-        `limits` are those to be named, if others were tested.
+        `limits` are the limits to name, where wider ones were tested; None: the tested ones.
         """
         limits = limits or self.limits
+        # a pose out of reach has no joints and margins to judge, so this reason stands alone
         violated = Violation(int(self.violations[row]))
         joint_place, swing_from, end = self.chain.limb.words
         if Violation.OUT_OF_REACH in violated:
@@ -124,43 +126,54 @@ def feasibility(chain: ClosedChain, p: Array, limits: Limits, poses: Array) -> F
     """Judge poses (N, t) by reach, limits, forearm swing and distance from singularities."""
     joints, is_solved = chain.inverse(p, poses)
     margins = path_feasibility(chain, p, limits, joints, poses)
-    beyond = outside(joints, limits.joint).any(axis=1) * int(Violation.JOINT_LIMIT)
-    violations = margins.violations | ~is_solved * int(Violation.OUT_OF_REACH) | beyond
+    is_beyond = outside(joints, limits.joint).any(axis=1)
+    violations = (
+        margins.violations
+        | ~is_solved * int(Violation.OUT_OF_REACH)
+        | is_beyond * int(Violation.JOINT_LIMIT)
+    )
     return replace(margins, violations=violations.astype(np.uint8))
 
 
+# Margins are those of a level plate at the joints' true angles: tilts of milliradians change
+# none of them noticeably. A comparison with NaN is false, so that rows out of reach violate none
+# of these limits; `feasibility` gives them their own reason.
 def path_feasibility(
     chain: ClosedChain, p: Array, limits: Limits, joints: Array, poses: Array
 ) -> Feasibility:
-    """Judge poses (N, t) passed at known joints (N, n), whose limits do not count.
-
-    Margins are of a level plate: tilts of milliradians change none that counts.
-    """
+    """Judge poses (N, t) passed at known joints (N, n), whose limits do not count."""
     geometry = chain.geometry(p)
     true = chain.true_joints(geometry, joints)
-    ends = chain.limb.upper_ends(geometry.arms, true)
-    forearms = chain.lower_ends(geometry, poses) - ends
+    upper_ends = chain.limb.upper_ends(geometry.arms, true)
+    forearms = chain.lower_ends(geometry, poses) - upper_ends
     swing_rad = chain.limb.swing_rad(geometry.arms, forearms)
     elbow = chain.limb.leverage(geometry.arms, true, forearms).min(axis=1)
-    rows = np.isfinite(joints).all(axis=1)
+    has_joints = np.isfinite(joints).all(axis=1)  # singular values of NaN would raise
     singular_value = np.full(len(poses), np.nan)
-    singular_value[rows] = chain.singular_values(geometry, ends[:, rows], poses[rows])
-    beyond = np.zeros(len(poses), dtype=bool)
+    singular_value[has_joints] = chain.singular_values(
+        geometry, upper_ends[:, has_joints], poses[has_joints]
+    )
+    is_beyond = np.zeros(len(poses), dtype=bool)
     for column, interval in zip(poses.T, limits.task, strict=True):
         if interval is not None:
-            beyond |= outside(column, interval)
-    too_near = (singular_value < limits.singularity_margin) | (elbow < limits.elbow_margin)
+            is_beyond |= outside(column, interval)
+    is_singular = (singular_value < limits.singularity_margin) | (elbow < limits.elbow_margin)
+    is_above = poses[:, 2] >= upper_ends[2].mean(axis=-1)
+    swings_too_far = (np.abs(swing_rad) > limits.forearm_swing_rad).any(axis=1)
     violations = (
-        beyond * int(Violation.TASK_LIMIT)
-        | (poses[:, 2] >= ends[2].mean(axis=-1)) * int(Violation.ABOVE_ELBOWS)
-        | (np.abs(swing_rad) > limits.forearm_swing_rad).any(axis=1) * int(Violation.SWING_LIMIT)
-        | too_near * int(Violation.SINGULAR)
+        is_beyond * int(Violation.TASK_LIMIT)
+        | is_above * int(Violation.ABOVE_ELBOWS)
+        | swings_too_far * int(Violation.SWING_LIMIT)
+        | is_singular * int(Violation.SINGULAR)
     )
     return Feasibility(
         chain, limits, poses, joints, swing_rad, singular_value, elbow, violations.astype(np.uint8)
     )
 
 
+# Poses are drawn from this box and rejected outside of the reach, so it may be too large but not
+# too small. The reach of the forearms holds the lower ends; the controlled point of sliding bars is
+# farther out by pinion times turn.
 def search_extent(chain: ClosedChain, p: Array, limits: Limits, centre: Array) -> Array:
     """Return the half size (t,) of a box about a pose that holds all that the robot reaches."""
     geometry = chain.geometry(p)
@@ -169,9 +182,9 @@ def search_extent(chain: ClosedChain, p: Array, limits: Limits, centre: Array) -
         if interval is not None:
             half[place] = max(0.5 * (interval[1] - interval[0]), LEAST_TURN_RAD)
     low, high = chain.limb.reach_mm(geometry.arms, limits.joint, limits.forearm_swing_rad)
-    aside = float(geometry.length[0, 0]) if chain.platform.bars_along_x else 0.0
+    pinion_mm = float(geometry.length[0, 0]) if chain.platform.bars_along_x else 0.0
     reach = np.maximum(np.maximum(high - centre[:3], centre[:3] - low), 0.0)
-    half[:3] = reach + aside * half[3:].sum()
+    half[:3] = reach + pinion_mm * half[3:].sum()
     for place, interval in enumerate(limits.task[:3]):
         if interval is not None:
             half[place] = 0.5 * (interval[1] - interval[0])
@@ -183,5 +196,5 @@ def platform_radius_mm(chain: ClosedChain, p: Array, limits: Limits) -> float:
     turns = np.zeros((33, 1))
     if len(chain.task) > 3 and limits.task[3] is not None:
         turns[:, 0] = np.linspace(*limits.task[3], len(turns))
-    ends = chain.platform.offsets(chain.geometry(p).length, turns)
-    return float(np.linalg.norm(ends, axis=0).max())
+    lower_ends = chain.platform.offsets(chain.geometry(p).length, turns)
+    return float(np.linalg.norm(lower_ends, axis=0).max())

@@ -24,23 +24,24 @@ from campaigns.kinematics.parameters import (
 
 Fields = Mapping[str, Array]
 STEP = 1e-200
-"""Complex step of derivatives: without cancellation, so as small as numbers go."""
+"""Imaginary step h of derivatives, f'(x) = Im f(x + ih) / h. There is no difference to cancel, so h
+is so small that its square vanishes beside any number."""
 LEVEL_RISE = 0.26
-"""Rise of a rail per mm up to which it counts as level: 15°."""
+"""Sine of the elevation up to which a rail counts as level: 15°."""
 
 
-def _places(of: str) -> tuple[ParameterField, ...]:
+def _place_fields(of: str) -> tuple[ParameterField, ...]:
     """Make the fields of a limb's place."""
     words = f"of {of} in the base frame, less the plate joint's place, mm"
     return tuple(ParameterField(f"{c}_mm", f"{c} {words}", "place", "places") for c in "xyz")
 
 
-def _extension(name: str, description: str, group: str) -> ParameterField:
+def _extension_field(name: str, description: str, group: str) -> ParameterField:
     """Make a field of an imperfect part, a small angle in deg."""
     return ParameterField(name, f"{description}, deg", "small angle", group, Role.EXTENSION)
 
 
-def _transmission(unit: Literal["deg", "mm"], part: str) -> tuple[ParameterField, ...]:
+def _transmission_fields(unit: Literal["deg", "mm"], part: str) -> tuple[ParameterField, ...]:
     """Make the fields of the encoder and of the gear (deg) or the drive (mm)."""
     quantity: Literal["small angle", "place"] = "small angle" if unit == "deg" else "place"
     eccentricity = (
@@ -66,12 +67,12 @@ def _transmission(unit: Literal["deg", "mm"], part: str) -> tuple[ParameterField
 
 FOREARM = ParameterField("forearm_mm", "the forearm's length, mm", "length", "lengths")
 OF_ANY_LIMB = (
-    _extension(
+    _extension_field(
         "parallelogram_skew_deg",
         "the difference of the forearm's two rods over their distance",
         "rods",
     ),
-    _extension("bar_turn_deg", "the plate's bar turned about z out of its direction", "bars"),
+    _extension_field("bar_turn_deg", "the plate's bar turned about z out of its direction", "bars"),
 )
 
 
@@ -85,7 +86,8 @@ class Limb(ABC):
     bars_follow_azimuths: ClassVar[bool]
     """Whether the bars lie across the arms' azimuths; else across fixed directions."""
     words: ClassVar[tuple[str, str, str]]
-    """Where its joint moves the forearm's upper end, how swing is counted, that end's name."""
+    """Path of the forearm's upper end, direction in which swing is counted, and name of that end,
+    for messages."""
 
     @abstractmethod
     def upper_ends(self, fields: Fields, joints: Array) -> Array:
@@ -103,16 +105,22 @@ class Limb(ABC):
     def swing_rad(self, fields: Fields, forearms: Array) -> Array:
         """Return the angles (N, n) of forearms out of their arms' planes, or off their rails."""
 
+    # |cos| of the angle between the forearm g and its upper end's motion t = ∂A/∂q:
+    # |g·t| / (|t| L). It vanishes where crank and forearm are stretched out, and the
+    # joint no longer moves the plate: a singularity of the first kind (Gosselin and Angeles 1990).
     @np.errstate(invalid="ignore")
     def leverage(self, fields: Fields, joints: Array, forearms: Array) -> Array:
-        """Return the share (N, n) of each forearm along which its joint moves it."""
-        way = self.upper_ends(fields, np.asarray(joints + 1j * STEP)).imag / STEP
-        size = np.sqrt(dot(way, way)) * fields["forearm"]
-        return np.asarray(np.abs(dot(forearms, way) / size))
+        """Return the share (N, n) of each forearm along which its joint moves it, 0 to 1."""
+        motion = self.upper_ends(fields, np.asarray(joints + 1j * STEP)).imag / STEP
+        size = np.sqrt(dot(motion, motion)) * fields["forearm"]
+        return np.asarray(np.abs(dot(forearms, motion) / size))
 
     @abstractmethod
     def reach_mm(self, fields: Fields, joint: tuple[float, float], swing_rad: float) -> Array:
-        """Return the lowest and highest corner (2, 3) of a box that holds all lower ends."""
+        """Return the lowest and highest corner (2, 3) of a box that holds all lower ends.
+
+        `joint` are the limits of each joint, `swing_rad` the limit of the forearms' swing.
+        """
 
     @abstractmethod
     def outward_rad(self, fields: Fields) -> Array:
@@ -127,7 +135,7 @@ class Crank(Limb):
     """
 
     fields = (
-        *_places("the motor's centre"),
+        *_place_fields("the motor's centre"),
         ParameterField(
             "azimuth_deg", "the arm's direction about z at joint angle 0, deg", "angle", "azimuths"
         ),
@@ -137,9 +145,9 @@ class Crank(Limb):
         ),
         ParameterField("arm_mm", "the arm's length, mm", "length", "lengths"),
         FOREARM,
-        _extension("axis_tilt_deg", "the motor's axis out of the horizontal", "axes"),
+        _extension_field("axis_tilt_deg", "the motor's axis out of the horizontal", "axes"),
         *OF_ANY_LIMB,
-        *_transmission("deg", "gear"),
+        *_transmission_fields("deg", "gear"),
     )  # fmt: skip
     joint = "revolute"
     rate = RIPPLES_PER_TURN
@@ -153,6 +161,14 @@ class Crank(Limb):
         turned = along(np.cos(angle), outward) + along(np.sin(angle), lowered)
         return _place(fields) + along(fields["arm"], turned)
 
+    # With d from the motor to the forearm's lower end, |P + l (cos q u + sin q w) - target|² = L²
+    # is, in the paper's letters,
+    #
+    #     I sin q + J cos q + C = 0      I = -2 l d·w,  J = -2 l d·u,  C = |d|² + l² - L²
+    #
+    # that is R cos(q - φ) = -C with R² = I² + J² and φ = atan2(I, J). Its roots are
+    # q = φ ± atan2(√(R² - C²), -C); plus is the elbow outward. Where R² < C² there is none: the
+    # target is out of reach. The paper's eq. 14 in tan(q / 2) has the same roots, but may be 0 / 0.
     @override
     def inverse(self, fields: Fields, targets: Array) -> tuple[Array, Mask]:
         """Solve on the elbow-outward branch (eqs. 10-14, corrected: docs/explanation/model.md)."""
@@ -164,8 +180,8 @@ class Crank(Limb):
         constant = dot(motor_to_target, motor_to_target) + arm**2 - forearm**2
         root2 = sine**2 + cosine**2 - constant**2
         root = np.sqrt(np.where(root2 >= 0.0, root2, np.nan))
-        # the root of eq. 14's half-angle form, without its 0/0 where both arguments vanish
         angle = np.arctan2(sine, cosine) + np.arctan2(root, -constant) - fields["joint_offset"]
+        # readings lie in [-π, π)
         return np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi, np.all(root2 >= 0.0, axis=-1)
 
     @override
@@ -197,7 +213,7 @@ class Carriage(Limb):
     """
 
     fields = (
-        *_places("the rail's zero"),
+        *_place_fields("the rail's zero"),
         ParameterField("azimuth_deg", "the rail's direction about z, deg", "angle", "azimuths"),
         ParameterField(
             "elevation_deg",
@@ -209,10 +225,12 @@ class Carriage(Limb):
             "joint_offset_mm", "the carriage's place minus the reading, mm", "place", "offsets"
         ),
         FOREARM,
-        _extension("rail_tilt_deg", "the rail out of the vertical plane of its azimuth", "rails"),
-        _extension("axis_tilt_deg", "the carriage's bar out of the horizontal", "axes"),
+        _extension_field(
+            "rail_tilt_deg", "the rail out of the vertical plane of its azimuth", "rails"
+        ),
+        _extension_field("axis_tilt_deg", "the carriage's bar out of the horizontal", "axes"),
         *OF_ANY_LIMB,
-        *_transmission("mm", "drive"),
+        *_transmission_fields("mm", "drive"),
     )
     joint = "prismatic"
     rate = DRIVE_PERIOD
@@ -223,31 +241,40 @@ class Carriage(Limb):
     def upper_ends(self, fields: Fields, joints: Array) -> Array:
         return _place(fields) + along(joints + fields["joint_offset"], rail_directions(fields))
 
+    # With d from the rail's zero to the forearm's lower end and b = d·e its part along the rail,
+    # |s e - d|² = L² has the roots s = b ± √(b² - |d|² + L²): a line cuts a sphere twice. The sign
+    # is chosen so that the carriage is above the plate, or farther out on a level rail.
     @override
     def inverse(self, fields: Fields, targets: Array) -> tuple[Array, Mask]:
         """Solve for the upper of the two places from which a forearm reaches, or the outer one."""
         to_target = targets - _place(fields)
-        part = dot(to_target, rail_directions(fields))
-        root2 = part**2 - dot(to_target, to_target) + fields["forearm"] ** 2
+        along_rail = dot(to_target, rail_directions(fields))
+        root2 = along_rail**2 - dot(to_target, to_target) + fields["forearm"] ** 2
         root = np.sqrt(np.where(root2 >= 0.0, root2, np.nan)) * self._upward(fields)
-        return part + root - fields["joint_offset"], np.all(root2 >= 0.0, axis=-1)
+        return along_rail + root - fields["joint_offset"], np.all(root2 >= 0.0, axis=-1)
 
     @override
     def swing_rad(self, fields: Fields, forearms: Array) -> Array:
-        part = dot(forearms, rail_directions(fields)) / fields["forearm"]
-        return np.asarray(np.arccos(np.clip(-self._upward(fields) * part, -1.0, 1.0)))
+        """Return the angles (N, n) between forearms and their rails' direction down or inward."""
+        cosine = -self._upward(fields) * dot(forearms, rail_directions(fields)) / fields["forearm"]
+        return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
+    # A forearm within its swing lies in a cone about its rail's direction downward. That direction
+    # is at an angle β_k from axis k, so the forearm's angle from axis k is within β_k ± swing, and
+    # its cosine is largest and smallest at the ends of that interval, cut to [0, π]. The box of one
+    # arm is this added to both ends of its rail; the plate is in the boxes of all arms.
     @override
     def reach_mm(self, fields: Fields, joint: tuple[float, float], swing_rad: float) -> Array:
         """Return a box of what forearms within their swing reach from carriages on their rails."""
-        ends = np.concatenate([self.upper_ends(fields, np.array([[end]])) for end in joint], axis=1)
+        rail_ends = [self.upper_ends(fields, np.array([[limit]])) for limit in joint]
+        carriages = np.concatenate(rail_ends, axis=1)  # (3, 2, n)
         upward = rail_directions(fields) * self._upward(fields)
-        off_axis = np.arccos(np.clip(-upward, -1.0, 1.0))
-        lowest = np.cos(np.minimum(off_axis + swing_rad, np.pi))
-        highest = np.cos(np.maximum(off_axis - swing_rad, 0.0))
+        from_axis = np.arccos(np.clip(-upward, -1.0, 1.0))
+        lowest = np.cos(np.minimum(from_axis + swing_rad, np.pi))
+        highest = np.cos(np.maximum(from_axis - swing_rad, 0.0))
         forearm = fields["forearm"]
-        low = (ends.min(axis=1, keepdims=True) + forearm * lowest).max(axis=(1, 2))
-        high = (ends.max(axis=1, keepdims=True) + forearm * highest).min(axis=(1, 2))
+        low = (carriages.min(axis=1, keepdims=True) + forearm * lowest).max(axis=(1, 2))
+        high = (carriages.max(axis=1, keepdims=True) + forearm * highest).min(axis=(1, 2))
         return np.stack([low, high])
 
     @override
@@ -255,14 +282,18 @@ class Carriage(Limb):
         x, y = fields["x"][0], fields["y"][0]
         return np.asarray(np.arctan2(y - y.mean(), x - x.mean()))
 
+    # Fields may be complex here, for derivatives: the choice of the branch is of their real parts.
     def _upward(self, fields: Fields) -> Array:
         """Return 1 for rails (1, n) whose readings grow upward, of level ones outward; else -1."""
         rise = np.sin(np.real(fields["elevation"]))
         outward = np.cos(np.real(fields["azimuth"] - self.outward_rad(fields)))
-        way = np.where(np.abs(rise) > LEVEL_RISE, rise, outward)
-        return np.where(way > -1e-9, 1.0, -1.0)
+        sense = np.where(np.abs(rise) > LEVEL_RISE, rise, outward)
+        return np.where(sense > -1e-9, 1.0, -1.0)
 
 
+# With v = (-sin α, cos α, 0) across the arm, a tilt τ turns the motor's axis about u to
+# cos τ v + sin τ z0. Square to it and to u is w = -sin τ v - cos τ z0, down for τ = 0; the
+# elbow moves in the plane of u and w. Returned are u, the axis and w.
 def crank_frames(azimuth: Array, axis_tilt: Array) -> tuple[Array, Array, Array]:
     """Return unit vectors (…, 3, 1, n): outward at joint angle 0, the motor's axis, down at 90°."""
     cos, sin = np.cos(azimuth), np.sin(azimuth)
@@ -274,6 +305,8 @@ def crank_frames(azimuth: Array, axis_tilt: Array) -> tuple[Array, Array, Array]
     )
 
 
+# cos κ (cos ε cos α, cos ε sin α, sin ε) + sin κ (-sin α, cos α, 0) with azimuth α, elevation ε and
+# a sideways tilt κ out of the vertical plane of the azimuth.
 def rail_directions(fields: Fields) -> Array:
     """Return the unit vectors (…, 3, 1, n) along rails, in which their readings grow."""
     cos, sin = np.cos(fields["azimuth"]), np.sin(fields["azimuth"])
@@ -293,7 +326,7 @@ def vectors(x: Array, y: Array, z: Array | float) -> Array:
 
 
 def along(lengths: Array, directions: Array) -> Array:
-    """Return vectors (…, 3, N, n) of lengths (…, N, n) in some directions."""
+    """Return vectors (…, 3, N, n) of lengths (…, N, n) in given directions (…, 3, N, n)."""
     return np.asarray(lengths[..., None, :, :] * directions)
 
 
@@ -303,4 +336,5 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def _place(fields: Fields) -> Array:
+    """Return the limbs' places P in the base frame, (…, 3, 1, n)."""
     return vectors(fields["x"], fields["y"], fields["z"])

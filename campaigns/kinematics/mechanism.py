@@ -22,20 +22,21 @@ class NoSolution(ValueError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KinematicSolution:
-    """Joints or poses (N, k); rows at which the mechanism cannot be assembled hold NaN."""
+    """Joints or poses of a batch, and the rows at which the mechanism can be assembled."""
 
     values: Array
+    """Joints or poses, (N, k); NaN in rows without a solution."""
     is_solved: Mask
     """Rows that hold a solution, (N,)."""
 
     @classmethod
     def where(cls, is_solved: Mask, values: Array) -> Self:
-        """Take the values (N, k) of the rows that were found, NaN elsewhere."""
+        """Take the values (N, k) of the solved rows, NaN elsewhere."""
         values[~is_solved] = np.nan
         return cls(values, is_solved)
 
     def values_or_raise(self) -> Array:
-        """Return the values of all rows; raise `NoSolution` naming the first row without any."""
+        """Return the values of all rows; raise `NoSolution` with the first row without a value."""
         if not np.all(self.is_solved):
             row = int(np.argmin(self.is_solved))
             raise NoSolution(f"no assembly for row {row} of {len(self.is_solved)}")
@@ -52,7 +53,7 @@ class Kinematics:
 
     @classmethod
     def of(cls, mechanism: ClosedChain, values: Mapping[str, float]) -> Self:
-        """Make a model from values by name in mm and deg; raise `KeyError` for a missing one."""
+        """Make a model from values by name in mm and deg; raise `KeyError` for a missing value."""
         parameters = Parameters.of(mechanism.parameters, values)
         return cls(
             mechanism.with_ripples(parameters.rate) if parameters.rate else mechanism,
@@ -66,7 +67,7 @@ class Kinematics:
 
     @property
     def whole_p(self) -> Array:
-        """Copy of all parameters, (P,), 0 beyond those that `p` has."""
+        """Copy of all parameters, (P,): 0 where `p` holds the geometry alone."""
         return self.mechanism.parameters.whole(self.p)
 
     @property
@@ -75,7 +76,10 @@ class Kinematics:
         return replace(self, mechanism=self.mechanism.seen_from(None))
 
     def inverse(self, poses: ArrayLike, approach: ArrayLike | None = None) -> KinematicSolution:
-        """Return encoder readings (N, n) of poses (N, t) that joints reach by `approach` (N, n)."""
+        """Return the encoder readings (N, n) of poses (N, t).
+
+        `approach` (N, n) holds the sign of each joint's last motion, 0 if unknown.
+        """
         joints, is_solved = self.mechanism.inverse(
             self.p, self._poses(poses), self._signs(approach)
         )
@@ -94,7 +98,10 @@ class Kinematics:
         return KinematicSolution(assembly.poses, assembly.is_solved)
 
     def select_reachable(self, poses: Array) -> tuple[Array, Array]:
-        """Return the joints (M, n) and poses (M, t) of those poses (N, t) that it can take."""
+        """Return the poses (M, t) among (N, t) that the robot can take, after their joints (M, n).
+
+        A pose counts if it has joints, and if these joints assemble again.
+        """
         joints = self.inverse(poses)
         is_solved = joints.is_solved.copy()
         is_solved[is_solved] = self.forward(joints.values[is_solved], poses[is_solved]).is_solved
@@ -107,6 +114,8 @@ class Kinematics:
         signs = self._signs(approach)
         return self.mechanism.jacobian(self.p, self._joints(joints), self._poses(poses), signs)
 
+    # A joint's offset δ adds to its true angle: dX/dq = dX/dδ · (d true/dq). The second factor
+    # differs from 1 by the slope of the transmission's errors alone.
     def joint_jacobian(
         self, joints: ArrayLike, poses: ArrayLike, approach: ArrayLike | None = None
     ) -> Array:

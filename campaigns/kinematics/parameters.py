@@ -1,8 +1,8 @@
 """Parameters of a mechanism: the table of what each one is, and the values that one robot has.
 
-A parameter belongs to an arm (`arm2.forearm_mm`) or to the platform (`plate_mm`). Its field says
-what it is, in which unit files give it, in which role it enters files and controllers, and to which
-group of error sources it belongs (`campaigns/fit/error_sources.py`).
+A parameter belongs to an arm (`arm2.forearm_mm`) or to the platform (`plate_mm`). Its field holds
+its meaning, its unit in files, its role in files and controllers, and its group of error sources
+(`campaigns/fit/error_sources.py`).
 
 Vectors of parameters are in mm, rad and ratios; files and screens give mm, deg and ppm.
 """
@@ -34,7 +34,7 @@ SIGNS: Mapping[Unit, str] = {"mm": " mm", "deg": "°", "ppm": " ppm", "": ""}
 
 
 class Role(Enum):
-    """Part that a parameter plays in files and controllers."""
+    """Role of a parameter in files and controllers."""
 
     GEOMETRY = "in every robot file, known to every controller"
     EXTENSION = "of imperfect parts, nominally 0: a file may leave it out"
@@ -43,7 +43,7 @@ class Role(Enum):
 
 
 OPTIONAL = (Role.EXTENSION, Role.TRANSMISSION)
-"""Roles of what a file may leave out and a controller may not know."""
+"""Roles of parameters that a file may leave out and a controller may not have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +139,7 @@ class ParameterTable:
 
     rows: tuple[Parameter, ...]
     rate: Parameter
-    """How often a ripple repeats: `ripples_per_turn`, or `drive_period_mm` of carriages."""
+    """Ripple's repetition: `ripples_per_turn` of cranks, `drive_period_mm` of carriages."""
 
     @classmethod
     def of(
@@ -150,6 +150,8 @@ class ParameterTable:
         rate: Parameter,
     ) -> Self:
         """Make the table of a mechanism of equal arms."""
+        # The geometry comes first and arm by arm: files and controllers list it so, and a vector
+        # of the geometry alone is the beginning of the whole one. All else is ordered by field.
         numbers = range(arms)
         of_arms = [field for field in arm_fields if field.role is Role.GEOMETRY]
         rows = [Parameter(arm, field) for arm in numbers for field in of_arms]
@@ -170,9 +172,10 @@ class ParameterTable:
     def select(
         self, *roles: Role, field: str | None = None, group: str | None = None
     ) -> tuple[str, ...]:
-        """Return the names of the parameters in any of some roles, of a field, of a group.
+        """Return the names of the parameters that have one of the roles, the field and the group.
 
-        A field may be given without its unit. No role given: all roles.
+        A field may be given without its unit. Without roles all roles count, without a field or a
+        group all of these.
         """
         return tuple(
             parameter.name
@@ -183,11 +186,11 @@ class ParameterTable:
         )
 
     def arm_fields(self, *roles: Role) -> tuple[ParameterField, ...]:
-        """Return the fields of each arm in some roles; no role given: those every file has."""
+        """Return the fields of an arm in these roles; without roles those that every file has."""
         return self._fields(0, roles)
 
     def platform_fields(self, *roles: Role) -> tuple[ParameterField, ...]:
-        """Return the fields of the platform in some roles; no role given: those every file has."""
+        """Return the platform's fields in these roles; without roles those that every file has."""
         return self._fields(None, roles)
 
     def _fields(self, arm: int | None, roles: tuple[Role, ...]) -> tuple[ParameterField, ...]:
@@ -205,7 +208,7 @@ class ParameterTable:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of what every file and every controller has, (G,)."""
+        """Names of the geometry, which every file and every controller has, (G,)."""
         return self.select(Role.GEOMETRY)
 
     @cached_property
@@ -215,7 +218,7 @@ class ParameterTable:
 
     @cached_property
     def optional(self) -> tuple[str, ...]:
-        """Names of what not every controller knows; the ripples' rate is last."""
+        """Names of the parameters that not every controller has; the ripples' rate is last."""
         return (*self.select(*OPTIONAL), self.rate.name)
 
     @cached_property
@@ -224,7 +227,7 @@ class ParameterTable:
         return np.array([INNER[parameter.unit] for parameter in self.rows])
 
     def whole(self, p: Array) -> Array:
-        """Return a copy (P,) of a vector or of its geometry (G,), 0 for all that it leaves out."""
+        """Return a copy (P,) of a vector or of its geometry (G,), with 0 for missing parameters."""
         whole = np.zeros(len(self.of_robot))
         whole[: len(p)] = p
         return whole
@@ -254,7 +257,7 @@ class Parameters(Mapping[str, float]):
     covariance: Array | None = None
     """Covariance (P, P) in mm, deg, ppm; NaN where it is unknown. None: all of it is unknown."""
     rate: float = 0.0
-    """How often ripples repeat, as `table.rate` has it; 0 if unknown."""
+    """Ripples' repetition in the unit of `table.rate`; 0 if unknown."""
 
     @classmethod
     def of(
@@ -263,7 +266,7 @@ class Parameters(Mapping[str, float]):
         values: Mapping[str, float],
         std: Mapping[str, float] | None = None,
     ) -> Self:
-        """Take values by name, 0 for an optional one that is missing, and 1 σ of some of them.
+        """Take values by name, 0 for a missing optional one, and 1 σ by name where it is known.
 
         Names that no robot file has are ignored. Raise `KeyError` for a missing value.
         """
@@ -310,11 +313,12 @@ class Parameters(Mapping[str, float]):
 
     @property
     def std(self) -> dict[str, float] | None:
-        """1 σ by name where it is known, in mm, deg and ppm; None if it is known of nothing."""
+        """1 σ by name where it is known, in mm, deg and ppm; None if all of it is unknown."""
         if self.covariance is None:
             return None
         std = np.sqrt(np.diag(self.covariance)).tolist()
-        return {name: s for name, s in zip(self.table.of_robot, std, strict=True) if s == s}
+        named = zip(self.table.of_robot, std, strict=True)
+        return {name: value for name, value in named if value == value}  # NaN is unknown
 
     @property
     def extended_by(self) -> tuple[str, ...]:
@@ -322,11 +326,11 @@ class Parameters(Mapping[str, float]):
         return tuple(name for name in self.table.optional if name in self)
 
     def __or__(self, other: Mapping[str, float]) -> dict[str, float]:
-        """Return the values by name, with other values in their place."""
+        """Return the values by name, replaced by `other` where it has the name too."""
         return {**self, **other}
 
     def __ror__(self, other: Mapping[str, float]) -> dict[str, float]:
-        """Return other values by name, with these in their place."""
+        """Return `other`, replaced by these values where both have a name."""
         return {**other, **self}
 
     def digest(self) -> str:
@@ -334,5 +338,6 @@ class Parameters(Mapping[str, float]):
 
         Hashed are lines `name=value`, the value in the shortest decimals that give the double.
         """
-        lines = "".join(f"{name}={value + 0.0!r}\n" for name, value in self.items())  # no -0.0
+        # adding 0.0 makes 0.0 of -0.0, which is equal but is written otherwise
+        lines = "".join(f"{name}={value + 0.0!r}\n" for name, value in self.items())
         return hashlib.sha256(lines.encode("ascii")).hexdigest()

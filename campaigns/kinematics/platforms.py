@@ -19,9 +19,10 @@ from campaigns.kinematics.parameters import ParameterField, Role
 Place = tuple[float, float, float]
 TYPICAL_JOINT_MM = 50.0
 """Distance of a plate joint from the plate's middle where a robot file gives none."""
-RISE = "the rise of the plate"
 SAG = tuple(
-    ParameterField(f"sag_{part}_mm", f"{RISE} {words}, mm", "place", "sag", Role.EXTENSION)
+    ParameterField(
+        f"sag_{part}_mm", f"the rise of the plate {words}, mm", "place", "sag", Role.EXTENSION
+    )
     for part, words in (
         ("x", "over 400 mm of x"),
         ("y", "over 400 mm of y"),
@@ -29,10 +30,13 @@ SAG = tuple(
         ("z", "over 200 mm of z"),
     )
 )
+"""Fields of the sag: the plate's change of height over the workspace, mm at about its edge."""
 
 
 def sag_basis(x: Array, y: Array, z: Array) -> Array:
     """Return by how much each of the parameters `SAG` lifts the plate, (4, …)."""
+    # the first terms of any smooth bending: linear in the place, and square in the reach alike on
+    # all sides; a constant rise would be a shift of the base frame
     x, y = x / 400.0, y / 400.0
     return np.stack(np.broadcast_arrays(x, y, x * x + y * y, z / 200.0))
 
@@ -42,11 +46,12 @@ class PlateGeometry:
     """Nominal places on the plate, of a level plate at θ = 0, mm in the base frame."""
 
     joints_mm: tuple[Place, ...]
-    """Middles of the plate's bars, seen from the point in which perfect parts have them."""
+    """Middles of the plate's bars, seen from where the contracted model has them: in the controlled
+    point, or displaced from it by the platform's own length alone."""
     reflector_mm: Place = (0.0, 0.0, 0.0)
     """Measured point, seen from the controlled one."""
     outward_rad: tuple[float, ...] | None = None
-    """Azimuths across the plate's bars; None: the arms' own."""
+    """Azimuths across the plate's bars; None: the azimuths of the arms."""
 
     @classmethod
     def typical(cls, outward_rad: Array, *, bars_follow_azimuths: bool) -> Self:
@@ -59,8 +64,8 @@ class PlateGeometry:
     @property
     def from_reflector_mm(self) -> Array:
         """Plate joints seen from the reflector, (3, 1, n)."""
-        seen = np.array(self.joints_mm) - np.array(self.reflector_mm)
-        return np.asarray(seen.T[:, None])
+        joints_mm = np.array(self.joints_mm) - np.array(self.reflector_mm)
+        return np.asarray(joints_mm.T[:, None])
 
 
 @dataclass(frozen=True)
@@ -68,7 +73,8 @@ class Platform:
     """Platform that is a point: all forearms end in it, and it only translates."""
 
     shares: tuple[float, ...] = (0.0, 0.0, 0.0)
-    """Where each arm ends: its share of the way between the parts, from the controlled point."""
+    """Place where each arm ends on the line from part 1 to part 2, as a share of its length from
+    the controlled point: 0 and 1 for Par4, -½ and ½ for H4."""
 
     task: ClassVar[tuple[Axis, ...]] = POSITION
     fields: ClassVar[tuple[ParameterField, ...]] = SAG
@@ -93,7 +99,10 @@ class Platform:
         return len(self.task) > len(POSITION)
 
     def seen_from(self, part: int) -> Self:
-        """Return this platform with the measured point on part 1 or 2; raise `ValueError`."""
+        """Return this platform with the measured point on part 1 or 2.
+
+        Raise `ValueError` for another part, or for a platform of one part.
+        """
         if not self.has_two_parts:
             raise ValueError(f"a platform of one part has no part {part}")
         if part not in {1, 2}:
@@ -101,19 +110,21 @@ class Platform:
         origin = self.shares[0 if part == 1 else -1]
         return replace(self, shares=tuple(share - origin for share in self.shares))
 
+    # Lower end of arm i: B_i = X + w_i h a(θ), with its share w_i, the platform's length h and the
+    # vector a from part 1 to part 2 for a length of 1, which is all that mechanisms differ in.
     def offsets(self, length: Array, turn: Array) -> Array:
         """Return the lower ends seen from the controlled point, (…, 3, N, n), of a level plate.
 
-        `length` (…, 1, 1) is of the platform's own field, `turn` (…, N, 1) in rad.
+        `length` (…, 1, 1) is the platform's own, `turn` (…, N, 1) in rad.
         """
         return np.array(self.shares) * (length[..., None, :, :] * self._apart(turn))
 
     def _apart(self, turn: Array) -> Array:  # noqa: ARG002 - a point has no parts
-        """Return the way from part 1 to part 2 at turns for a length of 1, (…, 3, N, 1)."""
+        """Return the vector a (…, 3, N, 1) from part 1 to part 2 at turns, for a length of 1."""
         return np.zeros((3, 1, 1))
 
     def lever_mm(self, length: float, forearm: float) -> float:  # noqa: ARG002 - a point turns not
-        """Return the lever that makes a turn a length, by the own field and a forearm's length."""
+        """Return the lever that makes a turn a length, by the platform's and a forearm's length."""
         return 0.0
 
 
@@ -135,7 +146,7 @@ class HingedPlate(Platform):
 
     @override
     def lever_mm(self, length: float, forearm: float) -> float:
-        return forearm / 7.0
+        return forearm / 7.0  # 100 mm of the prototype, whose forearms have 700 mm
 
 
 class SlidingBars(Platform):
@@ -156,4 +167,4 @@ class SlidingBars(Platform):
 
     @override
     def lever_mm(self, length: float, forearm: float) -> float:
-        return length
+        return length  # the bars' travel for a turn of 1 rad

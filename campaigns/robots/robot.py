@@ -23,7 +23,7 @@ from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.feasibility import Limits
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import Parameters
-from campaigns.kinematics.transmission import STEEPEST
+from campaigns.kinematics.transmission import STEEPEST_ERROR
 from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.schema import SCHEMA, RobotContents, Tolerance, contents_model
 from drivers.bounded_files import is_there
@@ -364,10 +364,10 @@ def _drawn(mechanism: ClosedChain, parameters: Parameters, contents: RobotConten
             "say how often it comes",
             remedy="give ripples_per_turn, or drive_period_mm of robots on rails",
         )
-    if (steepest := drawn.steepest_error(parameters.vector)) > STEEPEST:
+    if (steepest := drawn.steepest_error(parameters.vector)) > STEEPEST_ERROR:
         raise ConfigInvalid(
             f"{contents.name}: the errors of a joint change by {steepest:.2g} of its motion, "
-            f"limit {STEEPEST:g}",
+            f"limit {STEEPEST_ERROR:g}",
             remedy="correct the encoder gains, eccentricities and ripples, which are small",
         )
     return drawn
