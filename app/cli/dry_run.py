@@ -21,7 +21,7 @@ from app.options import Seed
 from app.rehearsal import STAGES, heading, rehearse
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
-from campaigns.evaluation.verdict import JUDGED
+from campaigns.evaluation.verdict import JUDGED_FIGURE
 from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
 from drivers.bounded_files import is_there
@@ -81,7 +81,7 @@ def command(
     for reason in reasons_against:
         terminal.say(f"not good: {reason}", BAD)
     if not reasons_against:
-        shown = any(gain.shown for gain in evaluate(campaign).gains if gain.name == JUDGED)
+        shown = any(gain.shown for gain in evaluate(campaign).gains if gain.name == JUDGED_FIGURE)
         terminal.say(f"good: {BETTER if shown else NOTHING_TO_CORRECT}", GOOD)
     terminal.say(f"{seconds:.0f} s; everything is in {campaign.folder}")
     following = tell_next(terminal, campaign, reported=True)

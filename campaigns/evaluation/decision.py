@@ -1,4 +1,15 @@
-"""The decision rule of ISO 14253-1: a result must be clearer than its uncertainty."""
+"""The decision rule of ISO 14253-1: nothing is decided that the uncertainty does not allow.
+
+A measured error e has an expanded uncertainty U = 2 u, so the true error lies somewhere between
+|e| − U and |e| + U, with about 95 % probability. Against a limit there are three answers:
+
+    |e| + U ≤ limit    pass: the whole interval is within the limit
+    |e| − U > limit    fail: the whole interval is beyond it
+    otherwise          not decided: a better instrument or more measurements could decide
+
+Who claims conformity or failure has to prove it, so U counts against both claims. Several decisions
+together pass only if each of them does; a single failure fails all.
+"""
 
 import math
 from collections.abc import Iterable
@@ -11,14 +22,15 @@ Verdict = Literal["pass", "fail", "not decided", "no limits specified"]
 """Decision on a stage or a campaign; the last where nothing but a limit is lacking."""
 
 COVERAGE = 2.0
-"""k: the expanded uncertainty is U = k u, which holds about 95 % of a normal distribution."""
+"""k: the expanded uncertainty is U = k u, which holds about 95 % of a normal distribution (GUM)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
     """Requirement: a measured error and the limit specified for it, in one unit.
 
-    None: not measured, or not specified. Without an uncertainty the error is judged as it stands.
+    An error of None was not measured, a limit of None not specified. With an uncertainty of zero
+    the error is judged as it stands.
     """
 
     name: str
@@ -28,27 +40,28 @@ class Requirement:
 
     @property
     def expanded_uncertainty(self) -> float | None:
-        """U = k u; None for what was not measured."""
+        """U = k u; None for an error that was not measured."""
         return None if self.error is None else COVERAGE * self.standard_uncertainty
 
     @property
     def margin(self) -> float | None:
-        """Margin: what is left of the limit, below zero beyond it; None without error or limit."""
+        """Limit minus absolute error, negative beyond the limit; None without error or limit."""
         if self.error is None or self.limit is None:
             return None
         return self.limit - abs(self.error)
 
     @property
     def decision(self) -> Decision | None:
-        """None when no limit is asked for."""
+        """Decision by the rule; None without a limit."""
         if self.limit is None:
             return None
+        # A limit asks for a measurement: without one nothing can pass.
         if self.error is None:
             return "not decided"
         return decide(self.error, self.standard_uncertainty, self.limit)
 
     def in_words(self, unit: str = "mm") -> str:
-        """Name, value with U, limit and decision, for people."""
+        """Return name, value with U, limit and decision, for people."""
         limit = "" if self.limit is None else f", limit {self.limit:g} {unit}"
         if self.error is None:
             return f"{self.name} not measured{limit}"
@@ -57,10 +70,11 @@ class Requirement:
 
 
 def decide(error: float, standard_uncertainty: float, limit: float) -> Decision:
-    """Pass if |e| + U ≤ limit, fail if |e| − U > limit, else not decided.
+    """Pass if |e| + U ≤ limit, fail if |e| − U > limit, else leave it undecided.
 
-    Raises `ValueError` for what is not finite, and for a negative uncertainty or limit.
+    Raise `ValueError` for a value that is not finite, and for a negative uncertainty or limit.
     """
+    # NaN compares false with everything and would end as "not decided": refuse it instead.
     if not all(map(math.isfinite, (error, standard_uncertainty, limit))):
         raise ValueError(f"nothing follows from {error}, {standard_uncertainty}, {limit}")
     if standard_uncertainty < 0.0 or limit < 0.0:
@@ -74,7 +88,10 @@ def decide(error: float, standard_uncertainty: float, limit: float) -> Decision:
 
 
 def decide_all(decisions: Iterable[Decision]) -> Decision:
-    """Decide all: one failure fails all; all pass only if each does, and there is one."""
+    """Decide several together: one failure fails all; all pass only if each does.
+
+    No decisions at all are not decided: nothing was shown.
+    """
     kinds = set(decisions)
     if "fail" in kinds:
         return "fail"

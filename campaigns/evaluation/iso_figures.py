@@ -1,4 +1,8 @@
-"""Figures of ISO 9283: AP and RP of the test `iso9283`, made as the standard makes it."""
+"""Figures of ISO 9283: AP and RP of the test `iso9283`, measured as the standard asks.
+
+A figure has the standard's name only if it was measured by the standard's procedure. Each row
+therefore says how it was tested here, and what the standard asks for.
+"""
 
 from dataclasses import dataclass
 
@@ -17,15 +21,16 @@ RP = f"RP (7.2.2): {FIVE_POSES}"
 
 @dataclass(frozen=True, slots=True)
 class IsoRow:
-    """Figure under its own name, or why there is none, and what the standard asks for instead."""
+    """Figure of the standard, how it was tested here, and what the standard asks for."""
 
     name: str
     figure: MeasuredLength | None
     n: int
-    """Repetitions: visits, or cycles of a path."""
+    """Number of visits to each pose."""
     tested: str
     """How it was tested here."""
     asked: str
+    """Procedure of the standard."""
 
 
 def cube_poses(**stages: ValidationResult | None) -> tuple[tuple[str, str, RepeatabilityTest], ...]:
@@ -38,19 +43,21 @@ def cube_poses(**stages: ValidationResult | None) -> tuple[tuple[str, str, Repea
 
 
 def cube_frame(result: ValidationResult) -> str:
-    """Return the frame of AP: that of the pairs where they are of the same series."""
+    """Return in words the frame of AP: fitted to the pairs where they are of the same series."""
+    # AP needs a base frame that is independent of the poses it judges; a frame fitted to the five
+    # poses alone takes part of their error away, and the row says so.
     if not result.cube[0].in_base:
         return NO_FRAME
     pairs, cube = (result.series.get(name) for name in ("distances", "iso9283"))
-    of = "the pairs" if pairs is not None and pairs == cube else "these poses alone"
-    return f"frame fitted to {of}"
+    points = "the pairs" if pairs is not None and pairs == cube else "these poses alone"
+    return f"frame fitted to {points}"
 
 
 def iso_rows(result: ValidationResult) -> tuple[IsoRow, ...]:
     """Return AP and RP of the standard's five poses, the worst of each; none where not measured."""
     if not result.cube:
         return ()
-    visits = min(len(each.points_mm) for each in result.cube)
+    visits = min(len(pose.points_mm) for pose in result.cube)
     how = f"{visits} visits from one direction to each of {len(result.cube)} poses"
     accuracy, rp = result.worst_of_cube
     return (

@@ -1,4 +1,4 @@
-"""Model errors: what the nominal and the identified model miss of the measured shots."""
+"""Model errors: how far the measured shots are from the nominal and from the identified model."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -14,7 +14,7 @@ from campaigns.shots.shots import Shots
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ModelledShots:
-    """Shots that count, with their poses (N, t) by the nominal and by the identified model."""
+    """Shots of a result, with their poses (N, t) by the nominal and by the identified model."""
 
     shots: Shots
     before: Array
@@ -22,8 +22,8 @@ class ModelledShots:
     sessions: bool = False
     """Whether each session has a frame of its own."""
 
-    def frames(self) -> Iterator[Index]:
-        """Return rows of each frame's shots, where they are enough for one."""
+    def rows_by_frame(self) -> Iterator[Index]:
+        """Yield the rows of each frame's shots, where they are enough to fit it."""
         session_of = self.shots.session if self.sessions else np.zeros(len(self.shots))
         for session in np.unique(session_of).tolist():
             rows = np.flatnonzero(session_of == session)
@@ -78,26 +78,28 @@ def pair_errors(modelled: ModelledShots, purpose: ShotSet) -> Residuals | None:
     first, second = rows.T
     measured_mm = shots.measured_distances_mm(rows)
 
-    def missed(poses: Array) -> Array:
+    def errors_by(poses: Array) -> Array:
         return distances_mm(poses[:, :3], first, second) - measured_mm
 
     return Residuals(
         tuple(shots.pairs[row] or 0 for row in first.tolist()),
-        missed(modelled.before),
-        None if modelled.after is None else missed(modelled.after),
+        errors_by(modelled.before),
+        None if modelled.after is None else errors_by(modelled.after),
     )
 
 
 def position_errors(modelled: ModelledShots) -> PositionErrors | None:
     """Return errors of the positions; None where no frame can be fitted."""
+    # Each model gets its own best rigid fit, one for each frame: an error of the frame is none of
+    # the robot. Shots of a frame that cannot be fitted stay NaN and are left out.
     shots = modelled.shots
     before, after = np.full((2, len(shots), 3), np.nan)
-    for rows in modelled.frames():
+    for rows in modelled.rows_by_frame():
         points = shots.points_in_tracker_mm[rows]
         with suppress(ValueError):  # points on one line fix no frame
-            before[rows] = _missed_positions(modelled.before[rows], points)
+            before[rows] = _position_errors(modelled.before[rows], points)
             if modelled.after is not None:
-                after[rows] = _missed_positions(modelled.after[rows], points)
+                after[rows] = _position_errors(modelled.after[rows], points)
     rows = np.flatnonzero(~np.isnan(before[:, 0]))
     if len(rows) == 0:
         return None
@@ -110,5 +112,6 @@ def position_errors(modelled: ModelledShots) -> PositionErrors | None:
     )
 
 
-def _missed_positions(poses: Array, points: Array) -> Array:
+def _position_errors(poses: Array, points: Array) -> Array:
+    """Return measured minus modelled positions (N, 3) in the base frame, after the best fit."""
     return np.asarray(fit_transform(points, poses[:, :3]).apply(points) - poses[:, :3])

@@ -1,8 +1,17 @@
-"""Plausibility of measured shots and of found parameters, by what is known of the nominal robot.
+"""Plausibility of measured shots and of identified parameters, judged by the nominal robot.
 
 A fit cannot distinguish points in metres from a robot a thousand times smaller, and hold-out pairs
-agree, being in the same unit. Only the nominal robot speaks against it: its positions at the
-joints read must be the measured points up to a rigid motion, and nearly so before any fit.
+agree, being in the same unit. Only the nominal robot contradicts it: its positions at the recorded
+joints must be the measured points up to a rigid motion, nearly so even before any fit.
+
+If they are not, the shots are tried in every way in which people get such files wrong: joints in
+radians, of the other sign or in another order; the reflector on the other half of the plate; the
+frame mirrored; lengths in another unit. Each reading has a cost, the misfit that is left after the
+best similarity (rigid motion and scale), in parts of the points' spread. A reading that fits far
+better than what is written names the cause, with a remedy. Where the robot's symmetry lets several
+readings fit alike, the tracker's rough place decides, or they are all named.
+
+A few gross errors among the shots must not decide: every fit is of the four fifths that agree best.
 """
 
 import math
@@ -34,28 +43,28 @@ UNITS: Mapping[LengthUnit, str] = {
 MIRRORED = ("the frame of the points is mirrored", "turn the sign of one coordinate, such as z")
 COLUMNS = "correct the columns of the joints"
 
-FEWEST = 5
+FEWEST_SHOTS = 5
 """Shots below which a frame explains nearly everything."""
-SAMPLE = 24
-"""Shots by which other readings are tried."""
-KEPT = 0.8
-"""Share of the shots by which a fit is judged, so that a few gross errors say nothing."""
-TRIMMINGS = 5
-THIN = 0.02
+SHOTS_TO_TRY = 24
+"""Shots by which other readings are tried: hundreds of readings of all shots would take long."""
+JUDGED_SHARE = 0.8
+"""Share of the shots by which a fit is judged, so that a few gross errors do not decide."""
+TRIMMING_ROUNDS = 5
+LINE_SPREAD = 0.02
 """Points whose second spread is below this part of the first lie on a line: no frame."""
-NEAR = 0.06
+PLAUSIBLE_MISFIT = 0.06
 """Misfit in parts of the points' spread: robots with lengths off by 10 mm and joints by 5° stay
 below it, and one of the wrong order of joints is above."""
-BETTER = 0.6
-"""Another reading must fit so much better to be the cause."""
-AS_GOOD = 1.2
+BETTER_BY = 0.6
+"""Ratio of misfits below which another reading is the cause."""
+AS_GOOD_WITHIN = 1.2
 """Readings this near to the best are named too, unless the tracker's place excludes them."""
-IMPOSSIBLE = 0.3
+IMPOSSIBLE_MISFIT = 0.3
 """Misfit that no robot of this kind has, whatever the cause."""
-NEARER = 0.3
+NEARER_BY = 0.3
 """Ratio of distances from the stated place below which the nearer of two places is right."""
-FAR_MM = 1000.0
-"""Distance from a rough place, below which that is right."""
+ROUGH_PLACE_MM = 1000.0
+"""Error of a rough place of the tracker: below it the place is not contradicted."""
 
 Causes = tuple[tuple[str, str], ...]
 """What is different from how it is written: causes in words, each with its remedy."""
@@ -67,7 +76,7 @@ class Reading:
 
     causes: Causes
     cost: float
-    """Misfit and what no unit explains of the scale."""
+    """Misfit, with the logarithm of the scale that no unit explains and the share of lost shots."""
     positions_mm: Array
     """Modelled positions at the joints so read, (M, 3), in the base frame."""
     points_mm: Array
@@ -80,7 +89,7 @@ class Reading:
 
     @property
     def remedy(self) -> str:
-        """What to do about each cause."""
+        """Remedy for each cause."""
         return "; ".join(remedy for _, remedy in self.causes)
 
     @property
@@ -98,6 +107,7 @@ def beyond_tolerance(
 ) -> Iterator[str]:
     """Return changes (mm and deg, by name) beyond the tolerance, the largest first, in words."""
     limits = {name: tolerance.of(space[name]) for name in changes}
+    # "not … <=" catches NaN too, which compares false with everything.
     beyond = {name: change for name, change in changes.items() if not abs(change) <= limits[name]}
     for name in sorted(beyond, key=lambda key: -abs(beyond[key]) / limits[key]):
         sign = space[name].sign
@@ -123,13 +133,14 @@ def check_shots(
 
 
 def check_distances(nominal: Kinematics, shots: Shots, limit_mm: float, where: str) -> None:
-    """Raise `ShotsInvalid` for a point farther from where the nominal robot puts it than a gate.
+    """Raise `ShotsInvalid` for a point farther than a gate from where the nominal robot puts it.
 
-    The same gate that a run has, after the best rigid fit of the greater part.
+    A run has this gate for every shot; imported shots get it here, after the best rigid fit of the
+    greater part of them.
     """
     modelled = nominal.forward(shots.joints)
     rows = np.flatnonzero(modelled.is_solved & np.isfinite(shots.points_in_tracker_mm).all(axis=1))
-    if len(rows) < FEWEST:
+    if len(rows) < FEWEST_SHOTS:
         return
     positions, points = modelled.values[rows, :3], shots.points_in_tracker_mm[rows]
     part = _greater_part(positions, points, scaled=False)
@@ -146,6 +157,7 @@ def check_distances(nominal: Kinematics, shots: Shots, limit_mm: float, where: s
 
 
 def _check_joints(nominal: Kinematics, shots: Shots, where: str) -> None:
+    """Raise `ShotsInvalid` for angles that no encoder in degrees has."""
     for place, axis in enumerate(nominal.mechanism.joints):
         beyond = np.abs(shots.joints[:, place]) > math.radians(JOINT_ANGLE.most)
         if axis.is_revolute and beyond.any():
@@ -159,6 +171,7 @@ def _check_joints(nominal: Kinematics, shots: Shots, where: str) -> None:
 
 
 def _check_values(shots: Shots, where: str) -> None:
+    """Raise `ShotsInvalid` for a distance, σ or temperature outside of what instruments measure."""
     far_mm = np.linalg.norm(shots.points_in_tracker_mm, axis=1)
     sigma_mm = np.sqrt(np.einsum("nii->n", shots.stated_covariance_mm2))
     air = shots.temperature_degC
@@ -188,38 +201,41 @@ def _check_reading(
     # 4. Name those that fit best and differ in the fewest things from what is written; where
     #    symmetry leaves several, the tracker's place decides.
     joints, points = shots.joints, shots.points_in_tracker_mm
-    if len(points) < FEWEST or _on_a_line(points):
+    if len(points) < FEWEST_SHOTS or _is_line(points):
         return
     halves = tuple(_halves(nominal))
     as_written = [next(_readings(*half, {(): joints}, points, unit)) for half in halves]
     unchanged, cost = as_written[0], as_written[0].cost
     (_, robot), nearest = min(zip(halves, as_written, strict=True), key=lambda pair: pair[1].cost)
     is_middle = [not model.mechanism.platform.arms_at_point for model in (nominal, robot)]
-    if nearest.cost <= min(BETTER * cost, NEAR) and any(is_middle):
+    if nearest.cost <= min(BETTER_BY * cost, PLAUSIBLE_MISFIT) and any(is_middle):
         raise ShotsInvalid(f"{where}: {nearest.words}", remedy=nearest.remedy)
-    if cost <= NEAR:
+    if cost <= PLAUSIBLE_MISFIT:
         if place_mm is not None:
             _check_arms(nominal, shots, where, place_mm, unchanged)
         return
-    rows = np.unique(np.linspace(0, len(points) - 1, SAMPLE).astype(int))
+    rows = np.unique(np.linspace(0, len(points) - 1, SHOTS_TO_TRY).astype(int))
     meant = _joint_readings(nominal, joints[rows])
     tried = [r for half in halves for r in _readings(*half, meant, points[rows], unit)]
     best = min(reading.cost for reading in tried)
-    if best <= BETTER * cost and best <= IMPOSSIBLE:
-        alike = [r for r in tried if r.causes and r.cost <= AS_GOOD * max(best, 0.5 * NEAR)]
+    if best <= BETTER_BY * cost and best <= IMPOSSIBLE_MISFIT:
+        # Below half a plausible misfit differences are those of the robot, not of the readings.
+        limit = AS_GOOD_WITHIN * max(best, 0.5 * PLAUSIBLE_MISFIT)
+        alike = [reading for reading in tried if reading.causes and reading.cost <= limit]
         fewest = min(len(reading.causes) for reading in alike)
         alike = _nearest_to(place_mm, [r for r in alike if len(r.causes) == fewest])
         words = dict.fromkeys(reading.words for reading in alike)
         remedies = dict.fromkeys(reading.remedy for reading in alike)
-        ambiguous = "correct tracker.place_mm, which tells; then " if len(remedies) > 1 else ""
+        ambiguous = "correct tracker.place_mm, which decides; then " if len(remedies) > 1 else ""
         raise ShotsInvalid(
             f"{where}: {', or '.join(words)}", remedy=f"{ambiguous}{', or '.join(remedies)}"
         )
-    if cost > IMPOSSIBLE:
+    # In between nothing is said: a robot that is far off its drawing is what the fit is for.
+    if cost > IMPOSSIBLE_MISFIT:
         raise ShotsInvalid(
             f"{where}: the points do not follow the joints: after the best fit "
             f"{100.0 * min(cost, 9.99):.0f} % of their spread is left, limit "
-            f"{100.0 * IMPOSSIBLE:.0f} %",
+            f"{100.0 * IMPOSSIBLE_MISFIT:.0f} %",
             remedy="look at the order of rows, the order and signs of joints, and whether "
             "this is the robot of robot.yaml",
         )
@@ -235,24 +251,26 @@ def _nearest_to(place_mm: Vector3 | None, readings: list[Reading]) -> list[Readi
         return readings
     off_mm = [math.dist(reading.tracker_mm, place_mm) for reading in readings]
     nearest = min(off_mm)
-    near = [r for r, mm in zip(readings, off_mm, strict=True) if nearest >= NEARER * mm]
+    near = [r for r, mm in zip(readings, off_mm, strict=True) if nearest >= NEARER_BY * mm]
     return near if len(near) == 1 else readings
 
 
-def _on_a_line(points: Array) -> bool:
+def _is_line(points: Array) -> bool:
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(spread[1] <= THIN * spread[0])
+    return bool(spread[1] <= LINE_SPREAD * spread[0])
 
 
 def _halves(nominal: Kinematics) -> Iterator[tuple[Causes, Kinematics]]:
     """Yield the robot as its file says, then with the reflector on other parts of the plate."""
+    # A Par4's controlled point is on half 1, so only the halves differ; an H4's is in the middle
+    # of the crossbar, a third place (None). Platforms of one part have nothing to confuse.
     yield (), nominal
-    said, controlled = nominal.mechanism.platform, nominal.mechanism.seen_from(None).platform
+    written, controlled = nominal.mechanism.platform, nominal.mechanism.seen_from(None).platform
     if not controlled.has_two_parts:
         return
     for half in (1, 2) if controlled.arms_at_point else (None, 1, 2):
         seen = nominal.mechanism.seen_from(half)
-        if seen.platform == said:
+        if seen.platform == written:
             continue
         cause = "the reflector seems to be in the middle of the crossbar"
         remedy = "delete reflector_half in robot.yaml"
@@ -264,13 +282,17 @@ def _halves(nominal: Kinematics) -> Iterator[tuple[Causes, Kinematics]]:
 
 def _joint_readings(nominal: Kinematics, joints: Array) -> dict[Causes, Array]:
     """Return joints (N, n) as they may be meant: in radians, of other signs, in another order."""
+    # All signs in the written order, and all orders with all signs alike. Every sign in every
+    # order would multiply the readings: 384 instead of 64 for four joints.
+    # Joints given in radians were read as degrees and are too small by 180/π: np.degrees undoes it.
     axes = nominal.mechanism.joints
     meant: dict[Causes, Array] = {(): joints}
     if all(axis.is_revolute for axis in axes):
         meant[("the joints look like radians", "give the joints in degrees"),] = np.degrees(joints)
-    straight, signs = tuple(range(len(axes))), [*product((1.0, -1.0), repeat=len(axes))]
-    orders = [(order, sign) for order in permutations(straight) for sign in (signs[0], signs[-1])]
-    for order, sign in (*((straight, sign) for sign in signs), *orders):
+    as_written, signs = tuple(range(len(axes))), [*product((1.0, -1.0), repeat=len(axes))]
+    uniform_signs = (signs[0], signs[-1])
+    orders = [(order, sign) for order in permutations(as_written) for sign in uniform_signs]
+    for order, sign in (*((as_written, sign) for sign in signs), *orders):
         if words := " and ".join(_joint_words(order, sign)):
             meant[(words, COLUMNS),] = joints[:, order] * np.array(sign)
     return meant
@@ -279,15 +301,19 @@ def _joint_readings(nominal: Kinematics, joints: Array) -> dict[Causes, Array]:
 def _check_arms(
     nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3, unchanged: Reading
 ) -> None:
-    """Raise `ShotsInvalid` where the tracker's place shows that the arms are others than named.
+    """Raise `ShotsInvalid` where the tracker's place shows that the arms are named from another.
 
-    A symmetrical robot fits as well with its arms moved on; the tracker is then found elsewhere.
+    A symmetrical robot fits also with every arm's joint given to the next arm; the tracker then
+    seems to stand elsewhere.
     """
+    # 1. If the tracker is about where it should be, nothing is wrong.
+    # 2. Else try every turn of the arms' names about the robot's axis, for every place of the
+    #    reflector. A turn is accused if its points fit and bring the tracker to its place.
     found_mm, arms = unchanged.tracker_mm, len(nominal.mechanism.joints)
     off_mm = math.dist(found_mm, place_mm)
-    if not off_mm >= FAR_MM:
+    if not off_mm >= ROUGH_PLACE_MM:  # NaN, of points on a line, shows nothing either
         return
-    # a platform of two parts comes back to itself after half a turn only
+    # A platform of two parts comes back to itself after half a turn only.
     two_parts = nominal.mechanism.seen_from(None).platform.has_two_parts
     turns = (arms // 2,) if two_parts else range(1, arms)
     for step, (on_half, robot) in product(turns, _halves(nominal)):
@@ -295,7 +321,8 @@ def _check_arms(
         words = " and ".join(_joint_words(order, (1.0,) * arms))
         meant: dict[Causes, Array] = {((words, COLUMNS),): shots.joints[:, order]}
         moved = next(_readings(on_half, robot, meant, shots.points_in_tracker_mm, "mm"))
-        if moved.cost <= NEAR and math.dist(moved.tracker_mm, place_mm) <= NEARER * off_mm:
+        moved_off_mm = math.dist(moved.tracker_mm, place_mm)
+        if moved.cost <= PLAUSIBLE_MISFIT and moved_off_mm <= NEARER_BY * off_mm:
             x, y, z = found_mm.tolist()
             raise ShotsInvalid(
                 f"{where}: the tracker is found at ({x:.0f}, {y:.0f}, {z:.0f}) mm, "
@@ -324,8 +351,15 @@ def _readings(
 ) -> Iterator[Reading]:
     """Yield readings of joints (N, n) by causes, each with the points' unit, mirrored and not.
 
-    The first one takes points as they are written.
+    The first reading takes the points as they are written.
     """
+    # 1. Solve the forward model for all readings of the joints in one stack: that is most of the
+    #    time.
+    # 2. Fit a similarity to each, with the points as they are and mirrored.
+    # 3. A scale is explained by the nearest unit, at the price of one more cause; the logarithm of
+    #    what no unit explains adds to the misfit. Factors 2 and ½: lengths doubled or halved.
+    # 4. Shots that the robot cannot take by a reading add up to 0.5 to its cost. A reading with
+    #    fewer than five shots left is no candidate.
     solution = robot.forward(np.concatenate([*meant.values()]))
     values = np.split(solution.values[:, :3], len(meant))
     solved = np.split(solution.is_solved, len(meant))
@@ -333,7 +367,7 @@ def _readings(
     for of_joints, poses, is_found in zip(meant, values, solved, strict=True):
         positions, seen = poses[is_found], points[is_found]
         causes = (*on_half, *of_joints)
-        if len(seen) < FEWEST:
+        if len(seen) < FEWEST_SHOTS:
             yield Reading(causes, math.inf, positions, seen)
             continue
         lost = 0.5 * (1.0 - len(seen) / len(points))
@@ -357,9 +391,9 @@ def _unit_cause(factor: float, unit: LengthUnit) -> tuple[str, str]:
 
 
 def _similarity_fit(modelled: Array, measured: Array) -> tuple[float, float]:
-    """Return the scale of the best similarity with the greater part of measured points.
+    """Return the scale of the best similarity with the greater part of the points, and its misfit.
 
-    And its misfit: root mean square left over the points' spread.
+    The misfit is the root mean square residual in parts of the points' spread.
     """
     rows = _greater_part(modelled, measured, scaled=True)
     scale, residuals = _similarity(modelled, measured, rows, scaled=True)
@@ -368,10 +402,12 @@ def _similarity_fit(modelled: Array, measured: Array) -> tuple[float, float]:
 
 
 def _greater_part(modelled: Array, measured: Array, *, scaled: bool) -> Index:
-    """Return rows that fit best together, leaving out the worst in rounds (trimmed squares)."""
+    """Return the rows that fit best together, without the worst ones (trimmed least squares)."""
+    # Fit, keep the rows with the smallest residuals, fit again to these: each round can only lower
+    # the trimmed sum of squares. Rows that were left out may come back.
     rows = np.arange(len(modelled))
-    keep = max(FEWEST - 1, int(KEPT * len(modelled)))
-    for _ in range(TRIMMINGS):
+    keep = max(FEWEST_SHOTS - 1, int(JUDGED_SHARE * len(modelled)))
+    for _ in range(TRIMMING_ROUNDS):
         _, residuals = _similarity(modelled, measured, rows, scaled=scaled)
         rows = np.sort(np.argsort(np.linalg.norm(residuals, axis=1), kind="stable")[:keep])
     return rows
@@ -385,5 +421,5 @@ def _similarity(
     rotation, spread = best_rotation(a[rows], b[rows])
     size = float(np.sum(a[rows] ** 2))
     scale = float(np.sum(spread)) / size if scaled and size > 0.0 else 1.0
-    scale = max(scale, np.finfo(np.float64).tiny)
+    scale = max(scale, np.finfo(np.float64).tiny)  # its logarithm is taken
     return scale, np.asarray(b - scale * a @ rotation.T)

@@ -1,6 +1,11 @@
 """Region of validity: where σ of positions is at most a few times that at the shots of a result.
 
-Beyond it σ of positions is that of an extrapolation.
+A fit is good where the robot was measured and may be wrong far from there. How far is far
+depends on the mechanism, not on millimetres: near a singularity a step of 50 mm changes much,
+elsewhere little. So the measure is the fit's own σ. A pose of the workspace counts as measured if
+its σ is at most three times the largest σ at the shots; the others are extrapolated, and their
+share is reported. The region is described by the extent of each coordinate, which is simpler than
+its true shape and may hold extrapolated poses in its corners.
 """
 
 from collections.abc import Sequence
@@ -17,16 +22,18 @@ FARTHER_OFF = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """Share of the workspace that is extrapolated, and the extent of the rest, in words too."""
+    """Share of the workspace that is extrapolated, and the extent of the region of validity."""
 
     beyond: float
+    """Share of the workspace's poses outside the region."""
     ends: dict[str, tuple[float, float]]
-    """Lowest and highest value of each axis, by its column in files; empty where nothing is in."""
+    """Lowest and highest value of each axis, by its column in files; empty for an empty region."""
     says: str
+    """The region in words."""
 
     @classmethod
     def of(cls, poses: Array, std_mm: Array, at_shots_mm: Array, task: Sequence[Axis]) -> "Region":
-        """Return the region by poses (N, t), σ of their positions (N,) and of the shots' (M,)."""
+        """Return the region of poses (N, t) by σ of their positions (N,) and at the shots (M,)."""
         inside = std_mm <= FARTHER_OFF * at_shots_mm.max()
         ends, words = dict[str, tuple[float, float]](), list[str]()
         for axis, values in zip(task, poses[inside].T, strict=True):

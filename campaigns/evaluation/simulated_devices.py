@@ -1,4 +1,9 @@
-"""Simulated devices: which series were not measured on real ones, as their records say."""
+"""Simulated devices: which series were not measured on real ones, by their records.
+
+A report of a simulated calibration must never pass for one of a real robot. Where a series came
+from a simulated cell is decided by what was recorded when it began: the address `sim://`, or the
+identity of the device, which a cell also states where it is served to others over a real wire.
+"""
 
 from collections.abc import Iterable, Mapping
 
@@ -8,7 +13,7 @@ from drivers.values import Identity
 
 SCHEME = "sim://"
 VENDOR = "pkmcal"
-"""By which a simulated cell names itself, also where it is served to others."""
+"""Vendor that a simulated cell states, also where it is served to others."""
 MODELS = frozenset({"SIM-LT", "SIM-TS"})
 """Names of simulated trackers, whose wires have no word for a vendor; SIM-TS in old journals."""
 NO_REAL_ROBOT = "Simulated cell: no real robot was measured."
@@ -18,19 +23,26 @@ DEVICES = ("controller", "tracker")
 def simulated_devices(series: Iterable[Series], *, planned: bool) -> str:
     """Name the devices that were simulated, in a sentence; empty if all were real.
 
-    Shots that were imported come from none of ours. `planned`: whether campaign.yaml names a
-    simulated cell, which counts as long as there is no series at all.
+    Imported shots come from no simulated cell. `planned`: whether campaign.yaml names a simulated
+    cell, which counts as long as there is no series at all.
     """
-    every = tuple(series)
-    series_of = {
-        name: tuple(each.number for each in every if name in simulated_in(each.started))
-        for name in DEVICES
+    series = tuple(series)
+    all_numbers = tuple(measured.number for measured in series)
+    simulated = {
+        name: tuple(m.number for m in series if name in simulated_in(m.started)) for name in DEVICES
     }
-    numbers = tuple(each.number for each in every)
-    everything = all(each == numbers for each in series_of.values()) if every else planned
-    if everything:
+    # One sentence where nothing was real; else each device with its series, for a campaign may mix
+    # a real controller with a simulated tracker, or have begun as a dry run.
+    is_all_simulated = planned
+    if series:
+        is_all_simulated = all(numbers == all_numbers for numbers in simulated.values())
+    if is_all_simulated:
         return NO_REAL_ROBOT
-    parts = [f"the {name} of series {_listed(each)}" for name, each in series_of.items() if each]
+    parts = [
+        f"the {name} of series {', '.join(map(str, numbers))}"
+        for name, numbers in simulated.items()
+        if numbers
+    ]
     return f"Simulated: {'; '.join(parts)}." if parts else ""
 
 
@@ -43,7 +55,7 @@ def simulated_in(started: SeriesStarted) -> tuple[str, ...]:
         name
         for name in DEVICES
         if _address(started.configuration, name).startswith(SCHEME)
-        or _calls_itself_simulated(identities[name])
+        or _is_simulated(identities[name])
     )
 
 
@@ -52,9 +64,5 @@ def _address(settings: Mapping[str, object], device: str) -> str:
     return str(section.get("url", "")) if isinstance(section, Mapping) else ""
 
 
-def _calls_itself_simulated(identity: Identity | None) -> bool:
+def _is_simulated(identity: Identity | None) -> bool:
     return identity is not None and (identity.vendor == VENDOR or identity.model in MODELS)
-
-
-def _listed(numbers: tuple[int, ...]) -> str:
-    return ", ".join(map(str, numbers))

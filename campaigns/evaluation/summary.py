@@ -53,14 +53,15 @@ class ErrorSummary:
 
 
 def spread(errors_mm: Array) -> Spread:
-    """Return the size of errors (N,) or of vectors (N, 3); raise `ValueError` for none."""
+    """Return the size of errors (N,) or of vectors (N, 3); raise `ValueError` without any."""
     size = _sizes(errors_mm)
     return Spread(float(size.mean()), float(np.sqrt(np.mean(size**2))), float(size.max()))
 
 
 def summary(errors_mm: Array) -> ErrorSummary:
-    """Return statistics of errors (N,), or of vectors (N, 3); raise `ValueError` for none."""
+    """Return statistics of errors (N,), or of vectors (N, 3); raise `ValueError` without any."""
     size = _sizes(errors_mm)
+    # σ of the absolute values, as ISO 9283 forms S: it is no σ of the signed errors.
     sigma = float(size.std(ddof=1)) if size.size > 1 else None
     return ErrorSummary(
         int(size.size),
@@ -72,6 +73,7 @@ def summary(errors_mm: Array) -> ErrorSummary:
 
 
 def _sizes(errors_mm: Array) -> Array:
+    """Return absolute values of errors (N,), or lengths of vectors (N, 3)."""
     if errors_mm.size == 0:
         raise ValueError("no errors to summarise")
     return np.asarray(

@@ -1,4 +1,4 @@
-"""Time series: what changed while it was measured, the air and the place of the drift pose."""
+"""Time series: how the air and the place of the drift pose changed during a series."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from campaigns.shots.shots import Shots
 SIGNIFICANCE = 1e-3
 """Probability of a larger χ² below which scatter alone does not explain visits of a pose."""
 FEWEST_VISITS = 3
-"""Of the drift pose, at rest, from which on the robot counts as settled."""
+"""Visits to the drift pose that scatter alone must explain before the robot counts as settled."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,6 +25,7 @@ class TimeSeries:
     """When each temperature was read."""
     temperature_degC: Array
     drift_s: Array
+    """When each drift shot was measured."""
     drift_mm: Array
     """Distance of each drift shot from the first one."""
 
@@ -35,7 +36,7 @@ class TimeSeries:
 
     @property
     def is_empty(self) -> bool:
-        """Emptiness: it says nothing at all."""
+        """Whether there is nothing to draw: no temperature, and no second drift shot."""
         return len(self.temperature_degC) == 0 and len(self.drift_mm) < 2
 
     @property
@@ -52,6 +53,7 @@ class TimeSeries:
 
 def time_series(name: str, shots: Shots) -> TimeSeries:
     """Return the time series of shots, in the order in which they were measured."""
+    # Imported shots may have no times: their order stands in, one second apart.
     at_s = shots.elapsed_s()
     at_s = np.arange(len(shots), dtype=np.float64) if at_s is None else at_s
     order = shots.order_of_time()
@@ -70,18 +72,21 @@ def time_series(name: str, shots: Shots) -> TimeSeries:
 def settling(
     numbers: Sequence[int], points_mm: Array, covariance_mm2: Array
 ) -> tuple[tuple[int, ...], str]:
-    """Return the last visits of one pose that scatter alone explains, by their numbers; in words.
+    """Return numbers of the last visits to one pose that scatter alone explains, and the finding.
 
-    Points (K, 3) in the order of time, of covariances (K, 3, 3). (): not even the last three.
+    Points (K, 3) with covariances (K, 3, 3) are in the order of time. Return no numbers if scatter
+    does not explain even the last three visits.
     """
-    inverse, settled = np.linalg.inv(covariance_mm2), 0.0
+    # A robot that warms up moves fast at first and comes to rest. Drop the first visits one by one
+    # until those that remain agree with a single place: χ² about their weighted mean, with three
+    # degrees of freedom fewer than coordinates for that place. The longest such tail is returned.
+    inverse = np.linalg.inv(covariance_mm2)
     for first in range(len(points_mm) - FEWEST_VISITS + 1):
         last, weight = points_mm[first:], inverse[first:]
-        away = last - np.linalg.solve(weight.sum(axis=0), np.einsum("nij,nj->i", weight, last))
-        settled = scipy.special.chdtrc(
-            3 * (len(last) - 1), np.einsum("ni,nij,nj->", away, weight, away)
-        )
-        if settled >= SIGNIFICANCE:
+        mean = np.linalg.solve(weight.sum(axis=0), np.einsum("nij,nj->i", weight, last))
+        away = last - mean
+        chi2 = np.einsum("ni,nij,nj->", away, weight, away)
+        if scipy.special.chdtrc(3 * (len(last) - 1), chi2) >= SIGNIFICANCE:
             most_mm, since = np.linalg.norm(away, axis=1).max(), tuple(numbers[first:])
             says = f"no drift since shot {since[0]}: the drift pose repeats within {most_mm:.3f} mm"
             return since, says
@@ -94,6 +99,7 @@ def settling(
 
 def stated_uncertainty_mm(shots: Shots) -> tuple[float, float] | None:
     """Return median and largest σ as the tracker stated it, in each shot's worst direction."""
+    # eigvalsh sorts ascending: the last eigenvalue is the variance along the worst direction.
     stated = shots.stated_covariance_mm2
     finite = stated[~np.isnan(stated).any(axis=(1, 2))]
     if len(finite) == 0:

@@ -1,7 +1,22 @@
 """Validation: errors of the commanded robot, each with the instrument's uncertainty.
 
+In come the accepted shots of one series: each has a commanded pose, a measured point, and a
+purpose that says to which test it belongs. The tests are those of the paper (section IV.E), and
+AP and RP of ISO 9283:
+
+- distances of pairs, commanded and measured: they need no frame;
+- the largest motion of the point while only the platform should turn;
+- straightness of a line along each axis, whichever way it points in space;
+- repeatability: the sphere about the visits to one pose;
+- the cube of ISO 9283: five poses, each visited from one direction.
+
+Out comes a `ValidationResult` with one figure a test and its standard uncertainty. What an
+instrument's error does to a figure depends on its direction, so each takes the variance along its
+own error, from the covariances of its points. Validation uses no model of the robot: it judges the
+controller and the robot as they are, before or after the identified parameters were loaded.
+
 Lengths are in mm. Vectors are in the base frame as fitted to the commanded points (paper eq. 25),
-or, with too few of them, in the tracker's axes.
+or, with too few points, in the tracker's axes.
 """
 
 from collections.abc import Iterable, Mapping
@@ -30,15 +45,15 @@ BY_DEFAULT = tuple(name for name in SET_OF if name != "iso9283")
 SAME_POSE_SHARE = 0.1
 """Commanded places within this part of the cube are one pose's: as read by encoders they differ."""
 CUBE_FIGURES = ("pose accuracy AP, worst", "pose repeatability RP, worst")
-DEVIATIONS = 3.0
+RP_DEVIATIONS = 3.0
 """Standard deviations in RP."""
 NO_AXIS = -1
-SAME_MM = 1e-6
-SAME_SHARE = 0.01
+SAME_PLACE_MM = 1e-6
+SAME_PLACE_SHARE = 0.01
 """Below this, or this part of the largest change, a commanded coordinate has not changed: poses of
-shots measured elsewhere are worked out from encoders."""
+shots measured elsewhere are computed from encoders."""
 SHOTS_OF_A_LINE = 3
-OF_THE_OUTERMOST = 0.5
+OUTERMOST_SCATTER = 0.5
 """Standard deviation of the outermost of many visits' distances, over that of a coordinate."""
 
 
@@ -71,7 +86,7 @@ class DistanceTest:
 
     @property
     def errors_mm(self) -> Array:
-        """Commanded minus measured."""
+        """Commanded minus measured distances."""
         return np.asarray(self.commanded_mm - self.measured_mm)
 
     @property
@@ -94,14 +109,15 @@ class DistanceTest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineTest:
-    """Commanded straight line, (N, 3) each."""
+    """Commanded straight line along an axis, with its points (N, 3)."""
 
     axis: str
     commanded_mm: Array
     points_mm: Array
     away_mm: Array
-    """From the best line to the measured points."""
+    """Vectors from the best line to the measured points, (N, 3)."""
     straightness: MeasuredLength
+    """Largest distance from the best line."""
 
     @property
     def along_mm(self) -> Array:
@@ -111,12 +127,12 @@ class LineTest:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RotationTest:
-    """Motion of the point while only the platform should turn."""
+    """Motion of the point in a rotation of the platform that should leave it in its place."""
 
     turn_rad: Array
-    """As commanded, (N,)."""
+    """Commanded rotation, (N,)."""
     away_mm: Array
-    """From the mean, (N, 3)."""
+    """Points from their mean, (N, 3)."""
     moved: MeasuredLength
     """Largest distance between any two points."""
 
@@ -128,15 +144,15 @@ class RepeatabilityTest:
     commanded_mm: Array
     points_mm: Array
     radius: MeasuredLength
-    """Of the sphere about their mean."""
+    """Radius of the sphere about their mean."""
     instrument_mm2: Array
     """Mean covariance of the points by the instrument, (3, 3): averaging does not reduce it."""
     in_base: bool
-    """Frame of the points: the base's, or not."""
+    """Whether the points are in the base frame, not in the tracker's axes."""
 
     @property
     def away_mm(self) -> Array:
-        """From their mean, (N, 3)."""
+        """Points from their mean, (N, 3)."""
         return away_from_mean(self.points_mm)
 
     @property
@@ -149,8 +165,10 @@ class RepeatabilityTest:
     def accuracy(self) -> MeasuredLength | None:
         """Distance of their mean from the commanded point (AP); None without a base frame.
 
-        The scatter of the mean and the instrument's uncertainty are in its own.
+        Its uncertainty contains the scatter of the mean and the instrument's uncertainty.
         """
+        # The mean scatters less by √N. The instrument's part does not: its errors at one place are
+        # the same at every visit.
         away = self.points_mm.mean(axis=0) - self.commanded_mm
         length = float(np.linalg.norm(away))
         if not self.in_base:
@@ -161,10 +179,10 @@ class RepeatabilityTest:
 
     @property
     def components(self) -> tuple[MeasuredLength, ...] | None:
-        """AP along x, y and z, mean less commanded; None without a base frame."""
+        """AP along x, y and z, mean minus commanded; None without a base frame."""
         away = self.points_mm.mean(axis=0) - self.commanded_mm
-        own_mm = np.sqrt(np.diag(self.instrument_mm2))
-        axes = zip(away.tolist(), own_mm.tolist(), np.eye(3), strict=True)
+        instrument_mm = np.sqrt(np.diag(self.instrument_mm2))
+        axes = zip(away.tolist(), instrument_mm.tolist(), np.eye(3), strict=True)
         lengths = tuple(
             MeasuredLength(mm, std_mm).with_scatter(self._scatter_of_mean_mm(axis))
             for mm, std_mm, axis in axes
@@ -177,14 +195,16 @@ class RepeatabilityTest:
 
     @property
     def rp(self) -> MeasuredLength:
-        """l̄ + 3 S of their distances from their mean: RP, were they visits from one direction.
+        """l̄ + 3 S of their distances from their mean: RP for visits from one direction.
 
-        The instrument's noise is part of the spread; what is uncertain is the finite sample.
+        The instrument's noise is part of the spread; the uncertainty is that of a finite sample.
         """
+        # Variance of l̄ is S² / n, that of S about S² / 2 (n − 1); they add up, as for a normal
+        # distribution, whose mean and deviation are independent.
         lengths, count = np.linalg.norm(self.away_mm, axis=1), len(self.points_mm)
         deviation = float(lengths.std(ddof=1))
-        relative = np.sqrt(1.0 / count + DEVIATIONS**2 / (2.0 * (count - 1)))
-        value_mm = float(lengths.mean()) + DEVIATIONS * deviation
+        relative = np.sqrt(1.0 / count + RP_DEVIATIONS**2 / (2.0 * (count - 1)))
+        value_mm = float(lengths.mean()) + RP_DEVIATIONS * deviation
         return MeasuredLength(value_mm, deviation * float(relative))
 
 
@@ -244,22 +264,27 @@ class ValidationResult:
 
     @property
     def worst_of_cube(self) -> tuple[MeasuredLength | None, MeasuredLength | None]:
-        """AP and RP of the poses at which they may be largest, U included; None: not known."""
-        accuracy = max(filter(None, [p.accuracy for p in self.cube]), key=_most_mm, default=None)
-        return accuracy, max([p.rp for p in self.cube], key=_most_mm, default=None)
+        """Largest AP and RP of the poses, each chosen with its U; None where not measured."""
+        # The worst by value + U, since the limit is compared with that sum. AP and RP may be worst
+        # at different poses.
+        accuracy = max(filter(None, [p.accuracy for p in self.cube]), key=_upper_mm, default=None)
+        return accuracy, max([p.rp for p in self.cube], key=_upper_mm, default=None)
 
     def comparable_figures(self) -> dict[str, MeasuredLength | None]:
         """Return the figures with their uncertainty in a comparison with another validation.
 
         The robot's own scatter, known from repeated visits, is added to the instrument's
-        uncertainty. That of the mean error of N distances is divided by √N: an error of the
-        instrument that all distances share is the same in both validations.
+        uncertainty. The uncertainty of the mean error of N distances is divided by √N: an error of
+        the instrument that all distances share is the same in both validations.
         """
+        # By how much of one coordinate's scatter each figure varies from validation to validation:
+        # a distance and a motion are between two points, hence √2; straightness is of one point;
+        # the radius is that of the outermost of many visits.
         scatter_mm = self.repeatability.scatter_mm if self.repeatability else 0.0
         shares = {
             "distances, largest error": np.sqrt(2.0),
             "rotation": np.sqrt(2.0),
-            "repeatability, radius of the sphere": OF_THE_OUTERMOST,
+            "repeatability, radius of the sphere": OUTERMOST_SCATTER,
             **dict.fromkeys(CUBE_FIGURES, 0.0),  # their own scatter is in them
         }
         lengths = {
@@ -273,7 +298,7 @@ class ValidationResult:
         return lengths
 
     def further_figures_mm(self) -> dict[str, float | None]:
-        """Return the further figures, of which no limit is asked."""
+        """Return the further figures, for which there are no limits."""
         repeated, absolute = self.repeatability, self.absolute_mm
         return {
             "repeatability, l̄ + 3 S": repeated.rp.value_mm if repeated else None,
@@ -292,7 +317,7 @@ class ValidationResult:
             "straightness_mm": straight or None,
             "repeatability": None if self.repeatability is None else _repeated(self.repeatability),
             "frame_mm": None if self.absolute_mm is None else _absolute(self.absolute_mm),
-            "iso9283": [_pose(f"P{n}", each) for n, each in enumerate(self.cube, 1)] or None,
+            "iso9283": [_pose(f"P{n}", pose) for n, pose in enumerate(self.cube, 1)] or None,
         }
 
 
@@ -308,13 +333,15 @@ def _repeated(test: RepeatabilityTest) -> dict[str, JsonValue]:
 def _pose(name: str, test: RepeatabilityTest) -> dict[str, JsonValue]:
     """Return AP, its components and RP of one pose, each with U."""
     figures = {"ap": test.accuracy, "rp": test.rp}
-    figures |= {f"ap_{axis}": each for axis, each in zip(AXES, test.components or (), strict=False)}
+    components = zip(AXES, test.components or (), strict=False)
+    figures |= {f"ap_{axis}": component for axis, component in components}
+    measured = {key: length for key, length in figures.items() if length}
     return {
         "pose": name,
         "commanded_mm": test.commanded_mm.tolist(),
         "visits": len(test.points_mm),
-        **{f"{key}_mm": each.value_mm for key, each in figures.items() if each},
-        **{f"{key}_u_mm": each.expanded_uncertainty_mm for key, each in figures.items() if each},
+        **{f"{key}_mm": length.value_mm for key, length in measured.items()},
+        **{f"{key}_u_mm": length.expanded_uncertainty_mm for key, length in measured.items()},
     }
 
 
@@ -327,9 +354,14 @@ def evaluate_validation(
 ) -> ValidationResult:
     """Return the result of the accepted shots of a validation series.
 
-    `instrument` stands in for shots of which the tracker stated no uncertainty. The frame is that
-    of the pairs, or of all shots where there are too few pairs.
+    `instrument` stands in for shots without a stated uncertainty. The frame is fitted to the pairs,
+    or to all shots where there are too few pairs.
     """
+    # 1. Covariance of each point, and the part of a pair's variance by errors that all shots have
+    #    in common (scale, axes): that part needs the points as the tracker saw them.
+    # 2. Bring points and covariances into the base frame, if it can be fitted. The pairs are spread
+    #    over the workspace; lines and repeated poses would pull the frame towards their few places.
+    # 3. Run each test on the shots of its purpose.
     commanded, points = shots.commanded, shots.points_in_tracker_mm
     covariance, pairs = shots.covariance_mm2(instrument), shots.rows_of(ShotSet.VALIDATION)
     whole = shots.whole_pairs(ShotSet.VALIDATION)
@@ -354,14 +386,14 @@ def evaluate_validation(
         repeatability_test(*of(ShotSet.REPEATABILITY), in_base=in_base),
         cube_tests(*of(ShotSet.ISO_CUBE), in_base=in_base),
     )
-    made = (result.distances, result.rotation, result.lines, result.repeatability, result.cube)
+    tests = (result.distances, result.rotation, result.lines, result.repeatability, result.cube)
     return replace(
-        result, series={name: series for name, each in zip(SET_OF, made, strict=True) if each}
+        result, series={name: series for name, test in zip(SET_OF, tests, strict=True) if test}
     )
 
 
 def latest_of_each_test(oldest_first: Iterable[ValidationResult]) -> ValidationResult | None:
-    """Return validations of one stage as one: of each test the latest counts; None without any."""
+    """Join the validations of one stage: the latest of each test counts; None without any."""
     latest = None
     for result in oldest_first:
         latest = result if latest is None else result.over(latest)
@@ -434,11 +466,16 @@ def cube_tests(
 
     Poses of fewer than two visits are left out.
     """
+    # Shots come without a pose's number, and imported ones have commanded places computed from
+    # encoders, which differ a little at each visit. So group them: take the first that remains,
+    # collect all near it, and go on with the others. Then sort: the pose in the middle of their
+    # extent is P1, the others follow by their angle about z.
     places_mm, tests = commanded[:, :3], []
     if not len(places_mm):
         return ()
     low, high = places_mm.min(axis=0), places_mm.max(axis=0)
-    near_mm, middle = SAME_POSE_SHARE * float((high - low).max()) + SAME_MM, 0.5 * (low + high)
+    middle = 0.5 * (low + high)
+    near_mm = SAME_POSE_SHARE * float((high - low).max()) + SAME_PLACE_MM
     remaining = np.arange(len(places_mm))
     while len(remaining):
         is_near = np.linalg.norm(places_mm[remaining] - places_mm[remaining[0]], axis=1) <= near_mm
@@ -446,11 +483,11 @@ def cube_tests(
         tests.append(repeatability_test(*arrays, in_base=in_base))
         remaining = remaining[~is_near]
 
-    def place(test: RepeatabilityTest) -> tuple[bool, float]:
+    def order(test: RepeatabilityTest) -> tuple[bool, float]:
         x_mm, y_mm, _ = away = test.commanded_mm - middle
         return bool(np.linalg.norm(away) > near_mm), float(np.arctan2(y_mm, x_mm))
 
-    return tuple(sorted(filter(None, tests), key=place))
+    return tuple(sorted(filter(None, tests), key=order))
 
 
 def line_axes(commanded_mm: Array) -> Index:
@@ -459,8 +496,11 @@ def line_axes(commanded_mm: Array) -> Index:
     Points (N, 3) come line by line, and along each line only one coordinate changes: a point is of
     the line of its predecessor as long as it differs from it along one axis alone.
     """
+    # The way from one line to the next changes several coordinates, or none, and begins a new line.
+    # Only the second point of a line shows its axis, which is then given to the first one too.
     changes = np.abs(np.diff(commanded_mm, axis=0))
-    steps = changes > np.maximum(SAME_MM, SAME_SHARE * changes.max(axis=1, keepdims=True))
+    smallest = np.maximum(SAME_PLACE_MM, SAME_PLACE_SHARE * changes.max(axis=1, keepdims=True))
+    steps = changes > smallest
     axes = np.full(len(commanded_mm), NO_AXIS, dtype=np.intp)
     for row, changed in enumerate(steps, start=1):
         if np.count_nonzero(changed) == 1:
@@ -470,7 +510,7 @@ def line_axes(commanded_mm: Array) -> Index:
     return axes
 
 
-def _most_mm(length: MeasuredLength) -> float:
+def _upper_mm(length: MeasuredLength) -> float:
     return length.value_mm + length.expanded_uncertainty_mm
 
 

@@ -1,4 +1,11 @@
-"""Verdicts on a validation and on a campaign, and the gains of calibration, each with its U."""
+"""Verdicts on a validation and on a campaign, and the gains of calibration, each with its U.
+
+The verdict on a campaign has four sources: the identification's own verdict, the acceptance limits
+against the validation after loading, checks that the files belong together, and a comparison with
+the validation before. Each is a list of decisions, and `decide_all` joins them. A missing limit is
+kept apart from a missing proof: without any limit nothing is claimed ("no limits specified"),
+unless something else is against a pass, which is then reported.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,15 +39,15 @@ HEADLINES: Mapping[Verdict, str] = {
     NO_LIMIT: "No acceptance limits are specified; no statement of conformity is made.",
 }
 NO_CHANGE = "no change shown"
-JUDGED = "distances, mean error"
-"""The figure that must not become worse."""
+JUDGED_FIGURE = "distances, mean error"
+"""The figure that must not become worse by loading."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gain:
     """Figure before and after; None: not measured in that stage.
 
-    The uncertainties hold the robot's own scatter, so far as it is known: the two stages are of
+    The uncertainties contain the robot's own scatter, where it was measured: the two stages are of
     different visits.
     """
 
@@ -58,7 +65,7 @@ class Gain:
 
     @property
     def shown(self) -> bool | None:
-        """Significance: the difference is larger than its U; None without both."""
+        """Whether the difference is larger than its U; None without both."""
         expanded_mm = self.expanded_uncertainty_mm
         if self.before is None or self.after is None or expanded_mm is None:
             return None
@@ -66,7 +73,7 @@ class Gain:
 
     def in_words(self) -> str:
         """Return the name, both values, and whether they differ."""
-        values = (each.value_mm for each in (self.before, self.after) if each is not None)
+        values = [length.value_mm for length in (self.before, self.after) if length is not None]
         words = f"{self.name} {' → '.join(f'{value:.3f}' for value in values)} mm"
         return f"{words} ({NO_CHANGE})" if self.shown is False else words
 
@@ -74,17 +81,18 @@ class Gain:
 def gains(before: ValidationResult | None, after: ValidationResult | None) -> tuple[Gain, ...]:
     """Return every figure that was measured in at least one stage."""
     old, new = (stage.comparable_figures() if stage else {} for stage in (before, after))
-    every = (Gain(name, old.get(name), new.get(name)) for name in {**new, **old})
-    return tuple(each for each in every if each.before or each.after)
+    names = {**new, **old}  # in the order of the figures
+    all_gains = (Gain(name, old.get(name), new.get(name)) for name in names)
+    return tuple(gain for gain in all_gains if gain.before or gain.after)
 
 
 def worse_than_before(all_gains: Iterable[Gain]) -> Iterator[str]:
     """Say that the mean error of distances became larger, beyond its uncertainty."""
     for gain in all_gains:
-        if gain.name == JUDGED and gain.shown and gain.before and gain.after:
+        if gain.name == JUDGED_FIGURE and gain.shown and gain.before and gain.after:
             before_mm, after_mm = gain.before.value_mm, gain.after.value_mm
             if after_mm > before_mm:
-                yield f"{JUDGED} {after_mm:.3f} mm, before loading it was {before_mm:.3f} mm"
+                yield f"{JUDGED_FIGURE} {after_mm:.3f} mm, before loading it was {before_mm:.3f} mm"
 
 
 def gained_in_words(all_gains: Iterable[Gain], unseen: BeforeAfter | None) -> str:
@@ -117,9 +125,13 @@ class ValidationVerdict:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Reasons against it, or for leaving it open, in words."""
-        needed = (each for each in self.requirements if each.decision in ("fail", "not decided"))
-        return (*(each.in_words() for each in needed), *self.beyond, *self.worse)
+        """Reasons against a pass, or for leaving the verdict open, in words."""
+        unmet = [
+            requirement.in_words()
+            for requirement in self.requirements
+            if requirement.decision in ("fail", "not decided")
+        ]
+        return (*unmet, *self.beyond, *self.worse)
 
 
 def validation_verdict(
@@ -128,13 +140,17 @@ def validation_verdict(
     worse: Iterable[str] = (),
     beyond: Iterable[str] = (),
 ) -> ValidationVerdict:
-    """Return the verdict by the limits, and by what is `worse` than before loading.
+    """Return the verdict by the limits, and by the figures that are `worse` than before loading.
 
-    Nothing passes `beyond` what the controller's parameters can do all over the workspace.
+    Limits that lie `beyond` the abilities of the controller's parameters cannot pass.
     """
+    # A robot that became worse fails even without limits. A reduced form that loses more than a
+    # limit somewhere may still have met it at the validated pairs: that leaves the verdict open.
     figures = {} if result is None else result.figures()
     requirements = tuple(_requirements(figures, limits))
-    decisions = [each.decision for each in requirements if each.decision is not None]
+    decisions = [
+        requirement.decision for requirement in requirements if requirement.decision is not None
+    ]
     worse, beyond = tuple(worse), tuple(beyond)
     if worse:
         decisions.append("fail")
@@ -175,11 +191,12 @@ def limits_by_figure(limits: AcceptanceConfig) -> Mapping[str, float | None]:
 def _requirements(
     figures: Mapping[str, MeasuredLength | None], limits: AcceptanceConfig
 ) -> Iterator[Requirement]:
+    """Yield a requirement for each figure: also for one without a limit, or not measured."""
     for name, limit in limits_by_figure(limits).items():
         length = figures.get(name)
         if length is not None:
             yield Requirement(name, length.value_mm, limit, length.standard_uncertainty_mm)
-        elif limit is not None or name not in CUBE_FIGURES:  # which is measured only on request
+        elif limit is not None or name not in CUBE_FIGURES:  # the cube is measured on request only
             yield Requirement(name, None, limit)
 
 
@@ -191,7 +208,7 @@ class Check:
     holds: bool | None
     detail: str
     decides: bool = True
-    """Whether nothing can pass when it does not hold."""
+    """Whether the campaign cannot pass if the statement does not hold."""
 
 
 def same_digest(statement: str, digest: str | None, other: str | None) -> Check:
@@ -210,7 +227,7 @@ class IdentificationVerdict:
     decision: Decision
     reasons: tuple[str, ...]
     accepted: tuple[str, ...] = ()
-    """Doubts that somebody accepted, in words."""
+    """Findings that somebody accepted, in words."""
 
     def __str__(self) -> str:
         words = "passed: " if self.decision == "pass" else f"is {self.decision}: "
@@ -244,12 +261,17 @@ def campaign_verdict(
     """Pass only if the identification passed, all limits are met and the files agree.
 
     `validated`: whether the robot was measured after calibration. `notes`: sentences that a reader
-    of the verdict needs. `gained`: what calibration gained, stated where no limit is set.
+    of the verdict needs. `gained`: gain of the calibration, stated where no limit is set.
     """
+    # 1. Decisions beside the limits: the identification's, and "not decided" for each broken check.
+    # 2. With limits all decide together. Without limits the answer is "no limits specified" only if
+    #    nothing but a limit is missing: everything else would be hidden behind it.
+    # 3. The reasons, from the identification to the files, whatever the verdict: a reader sees what
+    #    passed too.
     broken = [check for check in checks if check.holds is False]
     decisions: list[Decision] = ["not decided" for check in broken if check.decides]
     decisions.append("not decided" if identification is None else identification.decision)
-    limited = [each for each in after.requirements if each.limit is not None]
+    limited = [requirement for requirement in after.requirements if requirement.limit is not None]
     decision: Verdict = NO_LIMIT
     if after.decision != NO_LIMIT:
         decision = decide_all([*decisions, after.decision])
@@ -260,14 +282,14 @@ def campaign_verdict(
         headline = f"{gained} {HEADLINES[NO_LIMIT]}".strip()
     reasons = [str(identification or "Nothing has been identified yet.")]
     if identification is not None:
-        reasons += [f"Accepted all the same: {doubt}." for doubt in identification.accepted]
+        reasons += [f"Accepted all the same: {finding}." for finding in identification.accepted]
     if not validated:
         reasons.append("The robot has not been validated after calibration.")
     if not limited:
         reasons.append("No limits are specified under `acceptance` in campaign.yaml.")
     elif validated:
         for word in ("fail", "not decided", "pass"):
-            names = [each.name for each in limited if each.decision == word]
+            names = [requirement.name for requirement in limited if requirement.decision == word]
             reasons += [f"{word.capitalize()}: {'; '.join(names)}."] if names else []
     reasons += [f"Not shown: {reason}." for reason in after.beyond]
     reasons += [f"Worse: {reason}." for reason in after.worse]

@@ -265,7 +265,7 @@ def test_of_causes_that_fit_alike_the_remedy_says_how_to_tell_them_apart():
     cause, _, remedy = complaint("i4r", measured("i4r"), told_half=2).partition("→")
     assert "order q3, q2, q0, q1" in cause
     assert "on half 1 of the plate" in cause
-    assert "correct tracker.place_mm, which tells; then say reflector_half: 1" in remedy
+    assert "correct tracker.place_mm, which decides; then say reflector_half: 1" in remedy
 
 
 @pytest.mark.parametrize(
