@@ -25,7 +25,7 @@ if os.access(_MEMORY, os.W_OK) and shutil.disk_usage(_MEMORY).free > _ROOM_BYTES
 pytest_plugins = ("whole_campaigns",)
 TESTS = Path(__file__).parent
 PEERS = TESTS / "peers"
-WHOLE_PROGRAMS = tuple(TESTS / name for name in ("e2e", "app/report", "app/study"))
+WHOLE_PROGRAMS = tuple(TESTS / name for name in ("e2e", "torture", "app/report", "app/study"))
 OWN_TASKS = Path("/proc/self/task")
 
 # No deadlines: a busy machine is no fault of the code.

@@ -72,28 +72,18 @@ def outcomes(pytester, monkeypatch):
     return run
 
 
-def test_skipped_peer_test_fails_in_ci(outcomes, monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "text", "in_ci"),
+    [
+        ("test_file.py", SKIPPED_PEER, {"failed": 1}),
+        ("peers/test_file.py", SKIPPED_FILE, {"errors": 1}),
+        ("test_file.py", SKIPPED_OTHER, {"skipped": 1}),
+    ],
+)
+def test_a_peer_may_be_missing_but_not_in_ci(outcomes, monkeypatch, name, text, in_ci):
+    assert outcomes(text, name) == {"skipped": 1}
     monkeypatch.setenv("CI", "true")
-    assert outcomes(SKIPPED_PEER) == {"failed": 1}
-
-
-def test_skipped_peer_test_is_only_skipped_elsewhere(outcomes):
-    assert outcomes(SKIPPED_PEER) == {"skipped": 1}
-
-
-@pytest.mark.slow
-def test_file_of_peers_that_skips_itself_fails_in_ci(outcomes, monkeypatch):
-    monkeypatch.setenv("CI", "true")
-    assert outcomes(SKIPPED_FILE, "peers/test_file.py") == {"errors": 1}
-
-
-def test_file_of_peers_that_skips_itself_is_only_skipped_elsewhere(outcomes):
-    assert outcomes(SKIPPED_FILE, "peers/test_file.py") == {"skipped": 1}
-
-
-def test_other_skipped_test_is_skipped_in_ci_too(outcomes, monkeypatch):
-    monkeypatch.setenv("CI", "true")
-    assert outcomes(SKIPPED_OTHER) == {"skipped": 1}
+    assert outcomes(text, name) == in_ci
 
 
 def test_thread_left_behind_fails_the_test_that_left_it(outcomes):

@@ -23,21 +23,6 @@ def test_nothing_is_larger_than_its_ceiling(name):
     )
 
 
-@pytest.mark.parametrize(
-    ("mark", "counts"),
-    [
-        ("@dataclass", True),
-        ("@dataclass(frozen=True)", True),
-        ("@dataclasses.dataclass", True),
-        ("@final", False),
-        ("", False),
-    ],
-)
-def test_a_dataclass_is_a_class_with_that_decorator(mark, counts):
-    [node] = ast.parse(f"{mark}\nclass Value: ...").body
-    assert size.is_dataclass(node) == counts
-
-
 def test_constants_are_names_of_numbers_at_the_top_of_a_module():
     text = "A = 1\nB: float = -2.0 * 3\nC, D = 1, 2\nE = 'word'\nF = True\nG = [1]\ndef f(): h = 1"
     assert [*size.constants_in(ast.parse(text))] == ["A", "B", "C", "D"]

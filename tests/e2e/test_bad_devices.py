@@ -105,7 +105,6 @@ def test_a_stranger_in_the_place_of_a_device(pkmcal, tiny, device, says, words):
 
 SAYS_NO = {
     "another controller": ({}, {"controller.serial": "B-17"}, ["SIM-C-0001", "B-17"]),
-    "not warm": ({"tracker.warm_up_s": 3600}, {}, ["heating up", "wait"]),
     "without the reflector": (
         {},
         {"tracker.reflector": "CCR-0.5in"},

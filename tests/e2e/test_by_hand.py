@@ -50,11 +50,7 @@ class Operator:
             self.joints_deg = [float(each) for each in shown.split()]
             return ""
         if asked.endswith("display shows: q0 q1 q2 q3, deg"):
-            return (
-                "31.3 31.3 21.0 21.0"
-                if self.joints_deg is None
-                else " ".join(map(str, self.joints_deg))
-            )
+            return " ".join(map(str, self.joints_deg or (31.3, 31.3, 21.0, 21.0)))
         if asked.endswith("(- for none)"):
             self.points += 1
             return self.point_of(self.joints_deg)
@@ -116,15 +112,8 @@ def test_without_a_terminal_a_device_by_hand_is_refused_by_name(pkmcal, tiny, de
     assert f"the {device} is worked by hand, and there is no terminal" in ended.error_line
 
 
-def test_driver_and_address_are_by_hand_together(pkmcal, tiny):
-    change(tiny / "campaign.yaml", {"tracker.url": "by-hand"})
-    ended = pkmcal("devices", tiny)
-    assert ended.code == 2
-    assert "driver emscon and url by-hand" in ended.error_line
-
-
 @pytest.mark.long
-def test_campaign_by_hand_is_gated_stopped_and_resumed(by_hand):
+def test_campaign_by_hand_is_gated_stopped_and_resumed(pkmcal, by_hand):
     def mistaken(joints_deg):
         """He stops after six points; the fifth is one that a wrong target gave."""
         if operator.points > 6:
@@ -146,12 +135,7 @@ def test_campaign_by_hand_is_gated_stopped_and_resumed(by_hand):
     assert len(records(by_hand, Outcome)) > kept
     with read_journal(by_hand / "campaign.db") as journal:
         assert len(journal.shots(1)) == 10
-    assert (
-        "the journal is whole"
-        in subprocess.run(
-            [*PKMCAL, "check-journal", str(by_hand)], capture_output=True, text=True, check=True
-        ).stdout
-    )
+    assert "the journal is whole" in pkmcal("check-journal", by_hand).out
 
 
 class Software(Operator):
@@ -170,7 +154,7 @@ class Software(Operator):
 
 
 @pytest.mark.long
-def test_campaign_whose_trackers_software_writes_into_a_file(by_hand):
+def test_campaign_whose_trackers_software_writes_into_a_file(pkmcal, by_hand):
     watched = {"driver": "watch-file", "url": "file:points.txt", "reflector": "C"}
     change(by_hand / "campaign.yaml", {"tracker": watched})
     (by_hand / "points.txt").write_text("p0; 2000.0; 10.0; 20.0\n")
@@ -178,7 +162,4 @@ def test_campaign_whose_trackers_software_writes_into_a_file(by_hand):
     assert operator.runs("--verbose", "run", by_hand) == 0, operator.said
     with read_journal(by_hand / "campaign.db") as journal:
         assert len(journal.shots(1)) == 10
-    checked = subprocess.run(
-        [*PKMCAL, "check-journal", str(by_hand)], capture_output=True, text=True, check=True
-    )
-    assert "the journal is whole" in checked.stdout
+    assert "the journal is whole" in pkmcal("check-journal", by_hand).out

@@ -64,30 +64,16 @@ def test_an_import_counts_whole_or_not_at_all(full, pkmcal, planned):
     assert pkmcal("import", planned, shots).code == 0
 
 
-@pytest.fixture
-def no_robot_file_fits(monkeypatch):
-    """A disk on which all finds room but a further robot file."""
+def test_nothing_is_loaded_when_the_old_cannot_be_kept(pkmcal, exported, monkeypatch):
     write_to_disk = text_file._write_to_disk
 
     def write(path, text):
+        """A disk on which all finds room but a further robot file."""
         if "pkmcal/robot/" in text:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         write_to_disk(path, text)
 
     monkeypatch.setattr(text_file, "_write_to_disk", write)
-
-
-@pytest.mark.usefixtures("no_robot_file_fits")
-def test_export_leaves_the_older_file(pkmcal, exported):
-    before = contents(exported)
-    ended = pkmcal("export", exported, "--force")
-    assert ended.code == 4
-    assert "robot-compensated.yaml: cannot be written" in ended.error_line
-    assert contents(exported) == before
-
-
-@pytest.mark.usefixtures("no_robot_file_fits")
-def test_nothing_is_loaded_when_the_old_cannot_be_kept(pkmcal, exported):
     held = pkmcal("load", exported, "--dry").out
     ended = pkmcal("load", exported, "--yes")
     assert ended.code == 4
@@ -110,10 +96,3 @@ def test_what_is_there_is_not_overwritten_unasked(pkmcal, exported, options, fil
     assert "campaign.yaml already exists" in ended.error_line
     assert contents(exported) == before
     assert pkmcal("export", exported, *options, "--force").code == 0
-
-
-def test_a_folder_that_may_not_be_written(pkmcal, exported):
-    target = exported / "nowhere" / "robot.yaml"
-    ended = pkmcal("export", exported, "--to", target)
-    assert ended.code == 4
-    assert str(target) in ended.error_line

@@ -8,7 +8,6 @@ import pytest
 from command_line import SMALL_TESTS, change
 
 from campaigns.campaign import open_campaign
-from campaigns.robots.robot import read_robot
 from campaigns.shots.import_export import exported_shots
 from campaigns.shots.shots_csv import write_shots
 from sim.scenarios.adaptation import computing_all
@@ -19,7 +18,7 @@ SCENARIOS = ("drawn-robots", "realistic", "gears")
 """Noise alone on a robot that 22 parameters explain; much that they cannot; ripples, too."""
 WAYS = ("full", "plain", "targets", "imported")
 SMALL = {"plan.shots": 60, "plan.validation_pairs": 10, **SMALL_TESTS}
-QUICK = SMALL | {"plan.shots": 20, "plan.validation_pairs": 3}
+QUICK = SMALL | {"plan.shots": 14, "plan.validation_pairs": 3}
 FASTER = {"speed_up": 3000}
 MOVING = {"run", "validate", "load"}
 """Commands that ask before they move the robot or write into its controller."""
@@ -34,9 +33,9 @@ class Person:
         self.typed = []
         self._pkmcal = pkmcal
 
-    def types(self, *words, json=False):
+    def types(self, *words):
         more = ["--yes"] if words[0] in MOVING and "import" not in words else []
-        ended = self._pkmcal(*words, *more, *(["--json"] if json else []))
+        ended = self._pkmcal(*words, *more)
         assert ended.code in {0, 1}, (words, ended.err)
         self.typed.append(shlex.join(map(str, words)))
         return ended
@@ -95,30 +94,25 @@ def elsewhere(person, robot, scenario, made, tmp_path):
     taken = other.types("import", other.folder, shots)
     words, _ = other.follows(taken, until=lambda words: words[0] == "import")
     assert words[-3:] == ["after.txt", "--stage", "after"]
-    into = read_robot(other.folder / "robot-compensated.yaml").robot
-    person.types("load", person.folder, "--robot", into_file(other), "--force")
+    file = other.folder / "robot-compensated.yaml"
+    person.types("load", person.folder, "--robot", file, "--force")
     person.types("validate", person.folder, "--stage", "after", "--force")
     campaign, after = open_campaign(person.folder), tmp_path / "after.csv"
+    mechanism = campaign.robot.mechanism
     with campaign.journal_reader() as journal:
         series = journal.series("after")[-1]
-        rows, _ = exported_shots(series, journal.shots(series.number), into.mechanism)
-    write_shots(after, rows, into.mechanism, overwrite=False)
+        rows, _ = exported_shots(series, journal.shots(series.number), mechanism)
+    write_shots(after, rows, mechanism, overwrite=False)
     words[words.index("after.txt")] = str(after)
     return other, other.types(*words)
 
 
-def into_file(other):
-    return other.folder / "robot-compensated.yaml"
-
-
 def verdicts(person, told):
-    """Verdict on the campaign by the terminal, by --json and by the page: it is the same."""
-    document = person.types("report", person.folder, json=True).document
+    """Verdict on the campaign by the terminal and by the page: it is the same."""
     page = (person.folder / "report.html").read_text(encoding="utf-8")
     answer = re.search(r'<p class="decision">([^<]*)</p>', page)[1].lower()
     terminal = re.search(r"^verdict: ([a-z ]*?):", told.out, re.M)
-    assert document["decision"] == answer == terminal[1]
-    assert document["next"] is None
+    assert answer == terminal[1]
     return answer, told.out
 
 

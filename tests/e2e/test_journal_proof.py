@@ -35,5 +35,5 @@ def test_a_run_whose_journal_is_deleted_ends_with_4_and_goes_on_from_the_one_tha
     change(planned / "cell.yaml", FAST)
     assert pkmcal("run", planned, "--yes").code == 0
     with read_journal(path) as journal:
-        assert len(journal.shots(1)) == 59
+        assert len(journal.shots(1)) == 33
         assert kept <= {(e.record.shot, e.record.attempt) for e in journal.records_of(Outcome)}

@@ -46,7 +46,7 @@ def test_a_mechanism_of_ones_own_goes_all_the_way_to_its_parameters(pkmcal, file
     campaign = tmp_path / "campaign"
     assert pkmcal("new", campaign, "--robot", f"{file}:OWN", "--offline").code == 0
     file.unlink()  # the folder has its own copy
-    planned = pkmcal("plan", campaign, "--shots", 40)
+    planned = pkmcal("plan", campaign, "--shots", 24)
     assert planned.code == 0, planned.err
     nominal = find_robot(str(campaign / "robot.yaml")).robot
     longer = nominal.parameters | {"arm1.forearm_mm": nominal.parameters["arm1.forearm_mm"] + 0.8}

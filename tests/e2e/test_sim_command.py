@@ -1,17 +1,10 @@
 """`pkmcal sim`: a cell in a process of its own, reached as a real one would be."""
 
-import contextlib
 import json
 import signal
-import threading
-import time
 
 import pytest
 from command_line import change, ended, started
-
-from campaigns.errors import JournalFailed
-from campaigns.journal.journal import read_journal
-from campaigns.journal.records import Outcome, SessionStopped
 
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 PACE = {"settle.time_s": 0.001, "controller.speed_percent": 100.0}
@@ -74,36 +67,6 @@ def test_a_campaign_on_a_serial_line(served, pkmcal, tmp_path):
     assert pkmcal("validate", folder, *turn).code == 0
     process.send_signal(signal.SIGINT)
     assert ended(process).code == 0
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("impatient")
-def test_a_cell_that_dies_at_work_leaves_an_unknown_robot(served, pkmcal, tmp_path):
-    process, addresses = served
-    folder = made_for(addresses, tmp_path / "cell-5", pkmcal)
-    assert pkmcal("plan", folder).code == 0
-
-    def kill_at_work():
-        give_up_s = time.monotonic() + 10.0
-        while not has_shots(folder) and time.monotonic() < give_up_s:
-            time.sleep(0.005)
-        process.kill()
-
-    killer = threading.Thread(target=kill_at_work)
-    killer.start()
-    stopped = pkmcal("run", folder, "--yes")
-    killer.join()
-    assert stopped.code == 3
-    assert "robot state unknown" in stopped.error_line
-    assert "use the hardware stop" in stopped.error_line
-    with read_journal(folder / "campaign.db") as journal:
-        assert [e.record.how for e in journal.records_of(SessionStopped)] == ["aborted"]
-
-
-def has_shots(folder):
-    with contextlib.suppress(JournalFailed), read_journal(folder / "campaign.db") as journal:
-        return len(journal.records_of(Outcome)) > 0
-    return False
 
 
 def test_a_scenario_that_is_not_there(pkmcal):

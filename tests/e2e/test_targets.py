@@ -81,6 +81,10 @@ def test_errors_are_those_of_loaded_parameters(pkmcal, quiet, record_property):
         for each in intents
     ]
     assert 0.1 < np.mean(moved) < 10.0
+    assert pkmcal("report", quiet).code in {0, 1}
+    page = (quiet / "report.html").read_text(encoding="utf-8")
+    assert "targets were corrected with the identified set when the robot was validated" in page
+    assert "what was loaded last" not in page
     assert pkmcal("load", quiet, "--yes").code == 0
     refused = pkmcal("validate", quiet, "--stage", "after", "--by", "targets", "--yes")
     assert refused.code == 2
@@ -100,17 +104,13 @@ def test_before_calibration_no_target_is_corrected(pkmcal, exported):
     assert "before calibration no target is corrected" in ended.error_line
 
 
-def test_the_report_says_that_targets_were_corrected(pkmcal, exported):
-    words = ("--stage", "after", "--by", "targets", "--only", "distances", "--yes")
-    assert pkmcal("validate", exported, *words).code == 0
-    found = pkmcal("report", exported)
-    assert found.code == 0
-    page = (exported / "report.html").read_text(encoding="utf-8")
-    assert (
-        "targets were corrected with the identified set when the robot was validated after" in page
-    )
-    assert "what was loaded last" not in page
-    assert "after by targets" in page
+def test_corrected_targets_are_measured_without_a_load(pkmcal, exported):
+    words = ("--stage", "after", "--by", "targets", "--only", "distances", "--yes", "--json")
+    assert pkmcal("validate", exported, *words).document["distances_mm"]["max_abs"] < 0.1
+    with read_journal(exported / "campaign.db") as journal:
+        findings = [entry.record for entry in journal.records_of(Finding)]
+    assert (findings[-1].body["stage"], findings[-1].body["by"]) == ("after", "targets")
+    assert not [finding for finding in findings if finding.kind.startswith("load")]
 
 
 @pytest.mark.long

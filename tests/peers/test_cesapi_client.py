@@ -15,10 +15,9 @@ import numpy as np
 import pytest
 from CESAPI.command import CommandSync
 from CESAPI.connection import Connection
-from served_cell import ServedCell
+from served_cell import served
 
 from sim.cell import Cell
-from sim.clock import ScaledClock
 from sim.scenarios.scenario import load_scenario
 
 pytestmark = pytest.mark.peer
@@ -89,10 +88,8 @@ def cell():
     """A cell whose tracker has just been switched on and is on no reflector."""
     scenario = load_scenario("realistic")
     switched_on = scenario.tracker.model_copy(update={"initialised": False, "beam_locked": False})
-    with ServedCell(
-        Cell(scenario.model_copy(update={"tracker": switched_on})), ScaledClock(SPEED_UP)
-    ) as served:
-        yield served
+    with served(Cell(scenario.model_copy(update={"tracker": switched_on})), SPEED_UP) as addresses:
+        yield addresses
 
 
 @pytest.fixture
@@ -166,8 +163,8 @@ def quick_reader(monkeypatch):
 
 @pytest.fixture
 def measuring_cell():
-    with ServedCell(Cell(load_scenario("realistic")), ScaledClock(1000.0)) as served:
-        yield served
+    with served(Cell(load_scenario("realistic")), 1000.0) as addresses:
+        yield addresses
 
 
 def sensible(cell):

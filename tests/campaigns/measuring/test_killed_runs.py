@@ -15,7 +15,8 @@ from itertools import count
 
 import numpy as np
 import pytest
-from instant_cell import AIR, CENTRE, COVARIANCE_MM2, DEVICE, NOMINAL, ROBOT, InstantRobot, work_of
+from fake_cell import AIR, COVARIANCE_MM2, NOMINAL, ROBOT
+from small_plans import work
 from timed_pipe import HandClock
 
 from campaigns.campaign import now_utc
@@ -26,7 +27,8 @@ from campaigns.measuring.run_state import SILENT
 from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell
 from campaigns.planning.plans import PlanRequest, View, make_plan
-from drivers.values import Measurement, vector
+from campaigns.settings.sections import SettleConfig
+from drivers.values import Identity, Measurement, Pose, RobotState, vector
 
 pytestmark = [pytest.mark.torture, pytest.mark.long, pytest.mark.timeout(600)]
 
@@ -36,6 +38,10 @@ EVERYWHERE = View((2500.0, 0.0, -575.0), (1.0, 0.0, 0.0), np.pi)
 """The reflector is seen from everywhere."""
 TRACKER_FROM_BASE_MM = np.array([2500.0, 400.0, 300.0])
 LONGEST_RUN_S = 120
+DEVICE = Identity("none", "instant device", "0", "0", "none")
+AT_ONCE = SettleConfig.model_construct(
+    time_s=0.0, still_deg=5e-4, in_place_deg=5e-3, timeout_s=10.0
+)
 STRANGER = 3
 """Exit code of a run that ended by itself with an error."""
 
@@ -44,6 +50,25 @@ def point_mm(joints):
     """Point that the tracker sees of a robot at these joints."""
     pose = NOMINAL.forward(np.array([joints])).values_or_raise()[0]
     return vector(pose[:3] + TRACKER_FROM_BASE_MM)
+
+
+@dataclass
+class InstantRobot:
+    """Is at its target at once."""
+
+    joints: tuple[float, ...]
+
+    def identity(self):
+        return DEVICE
+
+    def state(self):
+        return RobotState(self.joints, moving=False, fault="", emergency_stop=False, raw="instant")
+
+    def move_joints(self, joints, _speed_fraction):
+        self.joints = tuple(joints)
+
+    def lacks(self, _names):
+        return ()
 
 
 @dataclass
@@ -85,10 +110,11 @@ class TellingJournal(Journal):
 def run(folder, shots, tell_to, dies_after):
     """Measure what the plan still lacks."""
     clock, robot = HandClock(), InstantRobot(shots[0].joints)
-    work, cell = work_of(shots), Cell(robot, SteadyTracker(robot), clock, clock)
+    cell = Cell(robot, SteadyTracker(robot), clock, clock)
     with TellingJournal(folder / "campaign.db", tell_to, dies_after) as journal:
-        if complete_series(journal, work) is None:
-            measure_series(cell, journal, work, SILENT, lambda: False)
+        planned = work(shots, settle=AT_ONCE)
+        if complete_series(journal, planned) is None:
+            measure_series(cell, journal, planned, SILENT, lambda: False)
 
 
 def killed(folder, shots, *, dies_after=None, after_s=None):
@@ -139,7 +165,7 @@ def finished(folder, shots):
 
 @pytest.fixture(scope="module")
 def shots():
-    request = PlanRequest(2 * PAIRS, 0, DRIFT_SHOTS, CENTRE)
+    request = PlanRequest(2 * PAIRS, 0, DRIFT_SHOTS, Pose(0.0, 0.0, -575.0, 0.0))
     return make_plan(ROBOT, EVERYWHERE, request, np.random.default_rng(1))
 
 

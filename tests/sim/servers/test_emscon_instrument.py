@@ -3,8 +3,7 @@
 import math
 
 import pytest
-from emscon_client_stub import MILLIMETRES, STREAMING, Client
-from fake_tracker import COVARIANCE_MM2, FakeTracker
+from emscon_client import COVARIANCE_MM2, MILLIMETRES, STREAMING, Client, FakeTracker
 
 from drivers.wire.emscon_constants import Command, ResultStatus
 from drivers.wire.emscon_messages import (

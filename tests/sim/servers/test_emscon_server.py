@@ -3,8 +3,17 @@
 import struct
 
 import pytest
-from emscon_client_stub import BUSY, MILLIMETRES, NOT_READY, READY, STREAMING, Client, ok, refused
-from fake_tracker import FakeTracker
+from emscon_client import (
+    BUSY,
+    MILLIMETRES,
+    NOT_READY,
+    READY,
+    STREAMING,
+    Client,
+    FakeTracker,
+    ok,
+    refused,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -186,11 +186,3 @@ def test_shot_that_the_simulator_has_otherwise_is_found_wrong(survived, tmp_path
     assert len(wrong_shots(shots, elsewhere)) == 1
     moved = [told | {"robot_target": truth[0]["robot_target"]} for told in truth[:9]]
     assert len(wrong_shots(shots[:9], moved)) >= 7
-
-
-def test_random_scripts_have_faults_at_places_of_their_own_and_no_emergency_stop():
-    for seed in range(50):
-        script = random_script(random.Random(seed))
-        places = [(f.get("device"), *((k, f[k]) for k in f if k.startswith("at_"))) for f in script]
-        assert len(set(places)) == len(script)
-        assert "emergency_stop" not in {fault["kind"] for fault in script}

@@ -6,6 +6,7 @@ at random moments, and 99 of 100 have to be on the wire within 0.1 s.
 
 import os
 import random
+import shutil
 import signal
 import threading
 import time
@@ -14,14 +15,14 @@ from functools import partial
 
 import psutil
 import pytest
-from command_line import change, ended, started
+from command_line import SMALL_TESTS, change, ended, started
 from relay import Relay
-from served_cell import ServedCell
+from served_cell import served
 
+from app.main import run_command
 from drivers.catalog import CONTROLLERS
 from drivers.robotline import LineRobot, RobotlineDeadlines
 from sim.cell import Cell
-from sim.clock import ScaledClock
 from sim.scenarios.scenario import load_scenario
 
 PATIENCE_S = 30.0
@@ -88,10 +89,29 @@ SITUATIONS = (
 )
 
 
+@pytest.fixture(scope="module")
+def planned_once(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("stopped") / "small"
+    assert run_command(["new", str(folder), "--scenario", "paper-simulation"]) == 0
+    small = {"plan.shots": 24, "plan.validation_pairs": 3, **SMALL_TESTS}
+    change(folder / "campaign.yaml", small)
+    assert run_command(["plan", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def planned(planned_once, tmp_path):
+    """A campaign with a plan, and nothing measured."""
+    return shutil.copytree(planned_once, tmp_path / "small")
+
+
 @pytest.fixture
 def wires(planned):
-    cell = ServedCell(Cell(load_scenario("paper-simulation")), ScaledClock(1.0))
-    with cell, Relay(cell.controller_url) as controller, Relay(cell.tracker_url) as tracker:
+    with (
+        served(Cell(load_scenario("paper-simulation")), 1.0) as cell,
+        Relay(cell.controller_url) as controller,
+        Relay(cell.tracker_url) as tracker,
+    ):
         urls = {"controller.url": controller.url, "tracker.url": tracker.url}
         change(planned / "campaign.yaml", urls)
         yield controller, tracker
