@@ -1,7 +1,17 @@
 """Forecast of a plan: the uncertainty that its shots will give, before anything has moved.
 
-It is the posterior of the same model that `identify` fits, with all groups at their tolerances and
-shots that scatter as the tracker states.
+The covariance of a least-squares fit depends on derivatives and weights, not on what is measured.
+So it can be computed from the plan alone, with the model that `identify` will fit:
+
+1. Linearise the model at the planned poses, the tracker at its place in campaign.yaml.
+2. Weigh each shot by the covariance that the tracker's data sheet states for its point.
+3. Add the priors: each source of error is known to its tolerance before any shot (unknowns are in
+   units of their tolerances), the tracker's frame not at all.
+4. Invert: parameters' σ are the diagonal, σ of positions follow with the derivatives of positions
+   all over the workspace, from which motions of the frame are removed.
+
+An identification of a real robot may state other numbers: it finds the scatter of the robot itself
+and the sizes of the groups of errors, which a forecast takes as the tolerances say.
 """
 
 from collections.abc import Sequence
@@ -33,9 +43,9 @@ from campaigns.shots.shot_sets import ShotSet
 FRAME_PRECISION = 1e-8
 """Precision of the frame's unknowns, in mm and mrad, before any shot: practically none."""
 FEWEST_SHOTS = 4
-"""Shots that place the tracker's frame, with one to spare."""
+"""Number of shots that determine the tracker's frame, which three points do, with one to spare."""
 LEAST_SHARE = 0.9
-"""Share of the workspace that the robot must be able to take."""
+"""Smallest share of the sampled workspace at which the robot must be able to be assembled."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,9 +53,9 @@ class Forecast:
     """Standard uncertainty that the shots of a plan will give."""
 
     shots: int
-    """Shots to identify from."""
+    """Number of identification shots."""
     std: dict[str, float]
-    """1 σ of the robot's parameters that shots determine, by name in its file unit."""
+    """1 σ of the robot's parameters that shots determine, by name, in the unit of robot files."""
     units: dict[str, str]
     """Unit of each name: mm, deg or ppm."""
     position_std_mm: Array
@@ -54,7 +64,7 @@ class Forecast:
     """Share of the shots to which each joint comes from a smaller value, (n,)."""
 
     def worst(self, unit: str) -> tuple[str, float] | None:
-        """Return the parameter in a unit that will be known worst, with its 1 σ."""
+        """Return the parameter with the largest 1 σ in a unit, and this σ; None: no such unit."""
         rows = [(name, std) for name, std in self.std.items() if self.units[name] == unit]
         return max(rows, key=lambda row: row[1], default=None)
 
@@ -69,8 +79,10 @@ def forecast(
     """Return the forecast of a plan seen from the tracker's place (3,) in the base frame.
 
     `judged` (N, 3, P) are derivatives of positions, as by `judged_positions`.
-    Raise `PlanInvalid` for fewer shots than place the tracker's frame.
+    Raise `PlanInvalid` for fewer shots than determine the tracker's frame.
     """
+    # The forecast is for whole pairs of the identification set; approach directions are taken
+    # along all shots in order, since a drift shot between moves the joints as well.
     rows = pairs_of(shots, ShotSet.IDENTIFICATION).ravel()
     if len(rows) < FEWEST_SHOTS:
         raise PlanInvalid(
@@ -80,11 +92,13 @@ def forecast(
     joints, poses = joints_of(shots), poses_of(shots)
     identify = np.array([shot.purpose is ShotSet.IDENTIFICATION for shot in shots])
     approach = approach_along(joints)[rows]
-    at = linearised_plan(model, joints[rows], poses[rows], approach, tracker_mm)
+    linearised = linearised_plan(model, joints[rows], poses[rows], approach, tracker_mm)
     noise = point_covariance_mm2(poses[rows, :3] - tracker_mm, instrument)
     weights = np.asarray(np.linalg.inv(noise), dtype=np.float64)
-    information, size = shot_information(at.jacobian, weights), len(model.names)
+    information, size = shot_information(linearised.jacobian, weights), len(model.names)
     covariance = np.asarray(np.linalg.inv(prior_precision(model) + information), dtype=np.float64)
+    # Directions that shots leave at their prior are datum, not result: σ of parameters is stated
+    # without them. They count in σ of positions, where they move any.
     null = null_directions_of(marginal_information(information, size), model.names)
     return Forecast(
         shots=len(rows),
@@ -99,6 +113,8 @@ def linearised_plan(
     model: ErrorModel, joints: Array, poses: Array, approach: Array, tracker_mm: Array
 ) -> Linearised:
     """Return the model linearised at planned shots, the tracker upright in the base frame."""
+    # Points as the nominal robot shows them, so residuals are zero. How the tracker's frame is
+    # turned is not known before a run, nor does it matter: the fit has its turn as an unknown.
     observations = Observations.unmeasured(joints, poses, approach)
     observations = replace(observations, points=poses[:, :3] - tracker_mm)
     frame = Transform(np.eye(3), -tracker_mm)
@@ -107,6 +123,7 @@ def linearised_plan(
 
 def prior_precision(model: ErrorModel) -> Array:
     """Return the precision of all unknowns and the frame before any shot, (Q, Q)."""
+    # unknowns are in tolerances, so each has a prior of unit variance
     return np.diag([1.0] * len(model.names) + [FRAME_PRECISION] * 6)
 
 
@@ -118,10 +135,11 @@ def _std_by_name(model: ErrorModel, covariance: Array) -> dict[str, float]:
 
 
 def judged_positions(model: ErrorModel, robot: RobotModel, otherwise: Array) -> Array:
-    """Return derivatives of positions all over the workspace, the same ones for every plan.
+    """Return derivatives (N, 3, P) of positions all over the workspace, without frame motions.
 
-    They are (N, 3, P), without the frame's motion. `otherwise` (M, t) are poses for a robot that
-    can take hardly any others. Raise `ConfigInvalid` for a robot that cannot be assembled there.
+    Every plan of a robot is judged at these positions. `otherwise` (M, t) are the poses for a robot
+    whose workspace cannot be sampled. Raise `ConfigInvalid` for a robot that cannot be assembled at
+    more than a tenth of the poses.
     """
     poses = sample_workspace(robot.kinematics, robot.limits, robot.centre, robot.space)
     if poses is None:
@@ -140,5 +158,6 @@ def judged_positions(model: ErrorModel, robot: RobotModel, otherwise: Array) -> 
 
 def judged_at(model: ErrorModel, kinematics: Kinematics, joints: Array, poses: Array) -> Array:
     """Return derivatives (N, 3, P) of positions at joints (N, n) and poses (N, t)."""
-    by, _ = model.robot_columns(kinematics, Observations.unmeasured(joints, poses), poses)
-    return without_frame(by, poses[:, :3])
+    observations = Observations.unmeasured(joints, poses)
+    derivatives, _ = model.robot_columns(kinematics, observations, poses)
+    return without_frame(derivatives, poses[:, :3])

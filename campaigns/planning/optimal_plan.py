@@ -9,7 +9,7 @@ pose alone, and so does the covariance of the parameters after any set of shots.
 2. Criterion: the mean variance of positions over the whole workspace (I-optimality), not the
    parameters' own variances: single parameters may stay poorly determined where that moves no
    position.
-3. Choice: greedy, then exchange (`campaigns.fit.design`); with a goal, as many shots as it takes.
+3. Choice: greedy, then exchange (`campaigns.fit.design`); with a goal, until the goal is met.
 4. Order: chosen poses are paired and put into one tour with validation pairs and drift shots.
 
 Out comes a plan of the same kind as by the paper's recipe (`plans`): only its poses differ.

@@ -272,7 +272,7 @@ class RobotModel:
                 np.concatenate([second, second[:, -1:]], axis=1),
             )
             bulge_mm = CURVATURE_RESERVE * around / 8.0
-            # 3. Yield what is flat enough, or halved often enough: its bulge counts all the same.
+            # 3. Yield what is flat enough, or halved often enough: either way its bulge counts.
             is_last = count >= first_steps[group] * 2 ** (HALVINGS - 1)
             fine = assembled & (is_last | (bulge_mm.max(axis=1) <= FLAT_MM))
             if fine.any():

@@ -1,4 +1,11 @@
-"""plan.csv: one row a shot, readable and editable; and whether it is the plan that was measured."""
+"""plan.csv: one row a shot, readable and editable; and whether it is the plan that was measured.
+
+The file is the plan: users may reorder, remove or change rows, and a run takes them as they stand.
+Three things follow. Each row states both a pose and its joints, which the plan's check compares.
+A plan is identified by the digest of its text as this software writes it, so that columns in
+another order or blanks make no other plan. And an identification compares each measured shot with
+its row, to say which one was measured as another than the file has now.
+"""
 
 import hashlib
 from collections.abc import Iterable, Sequence
@@ -19,29 +26,28 @@ from campaigns.shots.shot_sets import ShotSet
 from drivers.bounded_files import CSV_BYTES
 from drivers.values import Pose
 
-FORMER = ("asked", "model")
+FORMER_COLUMNS = ("asked", "model")
 """Columns of older plans, which are read without effect."""
 
 REMEDY = "make one with `pkmcal plan DIR`"
-SAME_MM, SAME_RAD = 1e-3, 1e-5
-"""Rounding of plan.csv and of a pose's joints is far below, another pose far above."""
+SAME_POSE_MM, SAME_POSE_RAD = 1e-3, 1e-5
+"""Largest differences of equal poses: rounding in files is far below, an edited pose far above."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedShot:
-    """Shot to be taken: where the plate shall be, and the joint values that bring it there.
-
-    The pose is the controlled point in the base frame. `pair` is None for sets without pairs.
-    `nest` names the fixed place whose reflector is measured while the robot stands there; empty:
-    the robot's own is.
-    """
+    """Shot to be taken: where the plate shall be, and the joint values that bring it there."""
 
     shot: int
     purpose: ShotSet
     pair: int | None
+    """Number of the pair that the shot belongs to; None for sets without pairs."""
     pose: Pose
+    """Pose of the controlled point in the base frame."""
     joints: tuple[float, ...]
+    """Joint values (n,), rad or mm."""
     nest: str = ""
+    """Fixed place whose reflector is measured while the robot stands; "": the robot's reflector."""
 
 
 def plan_form(mechanism: ClosedChain) -> CsvForm:
@@ -53,7 +59,7 @@ def plan_form(mechanism: ClosedChain) -> CsvForm:
             whole_column("pair", required=True),
             *columns.columns_of(mechanism.task),
             *columns.columns_of(mechanism.joints),
-            *map(CsvColumn, (columns.NEST, *FORMER)),
+            *map(CsvColumn, (columns.NEST, *FORMER_COLUMNS)),
         ),
         PlanInvalid,
     )
@@ -71,11 +77,11 @@ def write_plan(path: Path, shots: Sequence[PlannedShot], mechanism: ClosedChain)
 
 
 def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: ClosedChain) -> None:
-    """Write a plan; an older one is kept under the first free number, or stays if that fails.
+    """Write a plan, and keep an older one as `plan-older-N.csv` with the first free number.
 
-    Raise `WriteFailed`.
+    If writing fails the older plan stays in its place. Raise `WriteFailed`.
     """
-    older = _moved_aside(path)
+    older = _move_aside(path)
     try:
         write_plan(path, shots, mechanism)
     except CampaignError:
@@ -85,7 +91,8 @@ def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: Clos
 
 
 def plan_digest(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
-    """Return the SHA-256 of the plan's text: the same before writing and after reading."""
+    """Return the SHA-256 of the plan's text: equal before writing and after reading."""
+    # Of the text as we write it, not of the file's bytes: the layout of a file means nothing.
     return hashlib.sha256(plan_text(shots, mechanism).encode("utf-8")).hexdigest()
 
 
@@ -129,6 +136,8 @@ def plan_difference(measured: Iterable[Intent], planned: Sequence[PlannedShot]) 
 
     Rows that were taken out since, or added, make no difference, as long as one is left.
     """
+    # Users may shorten or extend a plan between runs. Only a number that means another shot than
+    # before is a difference, for the journal and the file then contradict each other.
     rows = {shot.shot: shot for shot in planned}
     intents = list(measured)
     common = [intent for intent in intents if intent.shot in rows]
@@ -147,15 +156,22 @@ def plan_difference(measured: Iterable[Intent], planned: Sequence[PlannedShot]) 
 
 
 def _is_same_pose(intent: Intent, row: PlannedShot) -> bool:
+    """Return whether pose and joints of a measured shot are those of a planned row."""
     if len(intent.target_joints) != len(row.joints):
         return False
+    # a pose that states no turn counts as unturned
     both = zip_longest(intent.target.coordinates, row.pose.coordinates, fillvalue=0.0)
     away = np.abs([measured - planned for measured, planned in both])
-    near = away[:3].max() <= SAME_MM and away[3:].max(initial=0.0) <= SAME_RAD
-    return bool(near and np.abs(np.subtract(intent.target_joints, row.joints)).max() <= SAME_RAD)
+    is_near = away[:3].max() <= SAME_POSE_MM and away[3:].max(initial=0.0) <= SAME_POSE_RAD
+    joints_away = np.abs(np.subtract(intent.target_joints, row.joints))
+    return bool(is_near and joints_away.max() <= SAME_POSE_RAD)
 
 
-def _moved_aside(path: Path) -> Path | None:
+def _move_aside(path: Path) -> Path | None:
+    """Rename an existing plan to the first free `plan-older-N.csv`; return the new path.
+
+    Return None if there is no plan. Raise `WriteFailed`.
+    """
     if not path.exists():
         return None
     number = 1

@@ -1,6 +1,17 @@
 """Plan of a validation: its tests as poses to command, by the controller's model.
 
-Repeatability, rotation, straightness and distances (the paper's section IV.E); ISO 9283's cube.
+Four tests are the paper's (Corbel 2006, IV.E): distances of unseen pairs, rotation about a fixed
+point, straight lines along x, y and z, and repeatability of one pose. The fifth is ISO 9283's: five
+poses in a cube, visited in cycles.
+
+1. Each test is laid out about the workspace's centre as campaign.yaml wants it.
+2. What the robot cannot do is shortened step by step, down to two thirds, and pairs are left out
+   whole; a note says what and why. A test that is impossible even then is an error.
+3. Steps of all tests are numbered, and the ways between them are checked.
+4. For a controller that keeps its nominal parameters, poses to command are corrected last.
+
+Steps are commanded as poses, other than those of an identification: it is the controller's own
+kinematics that a validation tests. So feasibility is judged by the controller's parameters.
 """
 
 import math
@@ -27,36 +38,42 @@ from campaigns.shots.shot_sets import ShotSet
 APPROACHES_MM = (80.0, 40.0, 20.0, 10.0)
 """Distances from which the repeated point is approached: the first that a robot has room for."""
 SHRINK = 0.98
+"""Factor by which a line or turn that is too long for the robot is shortened at each trial."""
 SHRINKS = 20
-"""A line or turn that is too long for the robot is shortened about its middle, step by step."""
+"""Number of trials, the first at full length."""
 SHORTEST_PART = SHRINK ** (SHRINKS - 1)
+"""Smallest part of a line or turn that is tried: 0.68."""
 LINE_PROBES = 401
+"""Number of points at which a line is tried for the length that fits."""
 ISO_POSES = np.array([[-1, 1, 1], [1, 1, 1], [1, -1, -1], [-1, -1, -1], [0, 0, 0]], dtype=float)
 """ISO 9283's P5 to P1, in a cycle's order, on the plane C1-C2-C7-C8 of a cube with corners ± 1."""
 ISO_PART = 0.8
-"""P2 to P5 are a tenth of its diagonal inside the cube's corners."""
+"""Distance of P2 to P5 from the cube's middle over its corners': a tenth of a diagonal inside."""
 CUBE_STEPS = 40
-"""Steps of the grid along the longest side of the box in which a cube is sought."""
+"""Number of grid steps along the longest side of the box in which a cube is sought."""
 Planned = tuple[tuple[Step, ...], tuple[str, ...]]
-"""Steps, and notes that say what was shortened or left out, and why."""
+"""Steps, and notes on what was shortened or left out, with the reason."""
 Correct = Callable[[Array, Array | None], KinematicSolution]
-"""Poses (N, t) to command for wanted ones, by the signs of joints' last motions there, (N, n)."""
+"""Function from wanted poses (N, t) and the signs of the joints' last motions (N, n), or None where
+these are not known, to the poses to command."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reachable:
-    """Robot by its controller's parameters, which pose commands are taken by.
+    """Robot by which a validation's poses are judged.
 
-    Or the real robot, where `correct` gives the poses to command to its controller for wanted ones.
+    Its parameters are the controller's, by which pose commands are executed; or, with `correct`,
+    the real robot's, and the controller is commanded to corrected poses.
     """
 
     kinematics: Kinematics
     limits: Limits
     space: RestrictedSpace = UNRESTRICTED
     correct: Correct | None = None
+    """Correction of the poses to command; None: wanted poses are commanded."""
 
     def first_reason(self, poses: Array) -> str:
-        """Return why the first impossible one of poses (N, t) is so; empty if none is."""
+        """Return why the first impossible one of poses (N, t) is impossible; "" if none is."""
         judged = self.kinematics.feasibility(self.limits, poses)
         if not judged.feasible.all():
             row = int(np.argmin(judged.feasible))
@@ -81,9 +98,11 @@ class Reachable:
         return self.kinematics.feasibility(self.limits, poses).joints
 
     def corrected(self, steps: tuple[Step, ...]) -> tuple[Step, ...]:
-        """Return steps, in their order, with the poses to command where they are others."""
+        """Return steps, in their order, with the corrected poses to command, if there are any."""
         if self.correct is None:
             return steps
+        # A correction depends on backlash, so on the side that each joint comes from at the step:
+        # signs are followed along all stops, and taken at the last stop of each step.
         stops = [stop for step in steps for stop in (*step.approach, step.planned.joints)]
         ends = np.cumsum([len(step.approach) + 1 for step in steps]) - 1
         sides = approach_along(np.array(stops))[ends]
@@ -105,12 +124,13 @@ def validation_steps(
 ) -> Planned:
     """Plan the steps of the tests in `only`; `pairs` are the plan's validation shots.
 
-    In `region`, of the nominal robot, the largest cube is sought: it is the same in both stages.
-    Raise `PlanInvalid` if a test cannot be done at all, or a way between poses is not safe.
+    `region` is where the largest cube is sought; it is of the nominal robot, so that the cubes
+    before and after a load are equal. Raise `PlanInvalid` if a test cannot be done at all, or a way
+    between poses is not safe.
     """
     centre = np.zeros(len(robot.kinematics.mechanism.task))
     centre[: len(AXES)] = config.centre_mm
-    # pairs first: spread widely, they determine where the tracker stands
+    # 1. The tests. Pairs come first: spread widely, they determine where the tracker stands.
     makers: Mapping[ShotSet, Callable[[], Iterator[Planned]]] = {
         ShotSet.VALIDATION: lambda: _possible_pairs(pairs, robot),
         ShotSet.ROTATION: lambda: _rotations(centre, config.rotation_steps, robot),
@@ -126,6 +146,7 @@ def validation_steps(
     if not steps:
         why = "; ".join(notes) or "no test was named, or the plan holds no validation pairs"
         raise PlanInvalid(f"nothing to validate: {why}", remedy="name a test, or make a new plan")
+    # 2. Numbers in the order of all tests.
     numbered = tuple(
         replace(step, planned=replace(step.planned, shot=number))
         for number, step in enumerate(steps)
@@ -135,9 +156,11 @@ def validation_steps(
         and not numbered[0].approach
         and not robot.first_reason(centre[None])
     ):
-        # without a pose before the first one, its joints would come from an unknown side
+        # The first step's joints would come from an unknown side, which its correction needs: so
+        # the robot passes the centre before.
         via = tuple(robot.joints(centre[None])[0].tolist())
         numbered = (replace(numbered[0], approach=(via,)), *numbered[1:])
+    # 3. Ways are of the wanted poses: corrected ones bring the real robot to these.
     _check_ways(numbered, RobotModel(robot.kinematics, robot.limits, centre, robot.space))
     return robot.corrected(numbered), notes
 
@@ -155,7 +178,8 @@ def fitting_lines(
     """
     robot = Reachable(kinematics, limits, space)
 
-    def fitting(axis: int) -> float:
+    # A line is symmetric about the centre, so the impossible point nearest to the centre limits it.
+    def fitting_mm(axis: int) -> float:
         poses = np.tile(centre, (LINE_PROBES, 1))
         poses[:, axis] += np.linspace(-0.5, 0.5, LINE_PROBES) * lengths_mm[axis]
         if not robot.first_reason(poses):
@@ -164,8 +188,8 @@ def fitting_lines(
         beyond = ~(kinematics.feasibility(limits, poses).feasible & space.allows(poses[:, :3]))
         return max(10.0, 10.0 * math.floor(0.1 * 0.9 * 2.0 * float(half[beyond].min())))
 
-    x, y, z = map(fitting, range(len(AXES)))
-    return x, y, z
+    x_mm, y_mm, z_mm = map(fitting_mm, range(len(AXES)))
+    return x_mm, y_mm, z_mm
 
 
 def _steps(
@@ -175,7 +199,10 @@ def _steps(
     pairs: Sequence[int | None] | None = None,
     approaches: Array | None = None,
 ) -> tuple[Step, ...]:
-    """Make steps to poses (N, t), all with the number 0, by way of `approaches` (N, t)."""
+    """Make steps to poses (N, t), each after its pose of `approaches` (N, t) if there are any.
+
+    Steps have the number 0 until all tests are together.
+    """
     joints, count = robot.joints(poses).tolist(), len(poses)
     passed = [()] * count if approaches is None else robot.joints(approaches).tolist()
     return tuple(
@@ -189,6 +216,7 @@ def _steps(
 
 
 def _check_ways(steps: Sequence[Step], robot: RobotModel) -> None:
+    """Raise `PlanInvalid` if there is no safe way between two stops of the steps."""
     stops: list[Stop] = []
     for step in steps:
         name = f"{step.planned.purpose.value} shot {step.planned.shot}"
@@ -202,20 +230,22 @@ def _check_ways(steps: Sequence[Step], robot: RobotModel) -> None:
 
 def _possible_pairs(shots: Sequence[PlannedShot], robot: Reachable) -> Iterator[Planned]:
     """Plan the pairs that the controller can take whole, and note why others are left out."""
+    # Only poses are taken from the plan: its joints are the nominal robot's, and the controller may
+    # hold other parameters by now.
     pairs: dict[int | None, list[PlannedShot]] = {}
     for shot in shots:
         pairs.setdefault(shot.pair, []).append(shot)
-    taken: list[PlannedShot] = []
+    possible: list[PlannedShot] = []
     notes: list[str] = []
-    for pair, both in pairs.items():
-        reason = robot.first_reason(np.array([pose_row(shot.pose) for shot in both]))
+    for pair, pair_shots in pairs.items():
+        reason = robot.first_reason(np.array([pose_row(shot.pose) for shot in pair_shots]))
         if reason:
             notes.append(f"validation pair {pair} left out: {reason}")
         else:
-            taken += both
-    count = len(robot.kinematics.mechanism.task)
-    poses = np.array([pose_row(shot.pose) for shot in taken]).reshape(-1, count)
-    numbers = [shot.pair for shot in taken]
+            possible += pair_shots
+    coordinates = len(robot.kinematics.mechanism.task)
+    poses = np.array([pose_row(shot.pose) for shot in possible]).reshape(-1, coordinates)
+    numbers = [shot.pair for shot in possible]
     yield _steps(ShotSet.VALIDATION, poses, robot, numbers), tuple(notes)
 
 
@@ -223,11 +253,16 @@ def _repetitions(
     centre: Array, count: int, robot: Reachable, rng: np.random.Generator
 ) -> Iterator[Planned]:
     """Repeat one pose from all around it: evenly over a sphere with a random turn."""
+    # 1. Directions on a golden spiral (Fibonacci lattice): equal steps of height are equal areas of
+    #    a sphere, and turning on by π (1 + √5) each time never repeats. The random turn keeps any
+    #    one direction from being special.
     place = np.arange(count) + 0.5
     height = 1.0 - 2.0 * place / count
     around = np.pi * (1.0 + 5.0**0.5) * place + rng.uniform(0.0, 2.0 * np.pi)
     radius = np.sqrt(1.0 - height**2)
     directions = np.column_stack([radius * np.cos(around), radius * np.sin(around), height])
+    # 2. The largest distance at which all approaches are possible; the reason that is noted is that
+    #    of the distance that was wanted.
     poses, first_reason = np.tile(centre, (count, 1)), ""
     for away_mm in APPROACHES_MM:
         approaches = poses.copy()
@@ -246,11 +281,14 @@ def _cube(
     centre: Array, config: ValidationConfig, robot: Reachable, region: FeasibleRegion | None
 ) -> Iterator[Planned]:
     """Plan cycles through ISO 9283's five poses, unturned, each from the same other one."""
+    # 1. The cube: of the size in campaign.yaml about the centre, or the largest there is.
     edge_mm, middle = config.cube_edge_mm or 0.0, centre.copy()
     if not edge_mm and region is not None:
         middle[: len(AXES)], edge_mm = largest_cube(region)
     if not edge_mm:
         raise _impossible("ISO 9283's cube", "the workspace holds none")
+    # 2. Its five poses, and cycles through them. The pose before each in the cycle is its approach,
+    #    also in the first cycle: by ISO 9283 a pose is repeated from one direction.
     away = np.zeros((len(ISO_POSES), len(centre)))
     away[:, : len(AXES)] = 0.5 * edge_mm * ISO_PART * ISO_POSES
     poses, notes = _shortened(middle, away, robot.first_reason, "ISO 9283's cube", edge_mm, " mm")
@@ -264,9 +302,10 @@ def _cube(
 def largest_cube(region: FeasibleRegion) -> tuple[Array, float]:
     """Return middle (3,) and edge, mm, of the largest cube that an unturned plate can measure.
 
-    Its edges are along the base's axes. It is sought in a grid over the region, and once more in a
-    finer one around the first result. Edge 0: the region holds none.
+    Its edges are along the base's axes. Edge 0: the region holds none.
     """
+    # A grid over the region's box is judged point by point, and the largest block of good points
+    # sought in it; then once more in a finer grid, about the first cube and one step around it.
     middle, half_mm = region.centre[: len(AXES)], region.extent[: len(AXES)]
     edge_mm = 0.0
     for _ in range(2):
@@ -290,8 +329,10 @@ def largest_cube(region: FeasibleRegion) -> tuple[Array, float]:
 def _largest_block(mask: Mask) -> tuple[Index, int]:
     """Return the first corner (3,) and size of the largest cube of a mask (I, J, K) all true.
 
-    Of cubes as large it is the one nearest to their middle; size 0: none.
+    Of several largest cubes it is the one nearest to their mean; size 0: none.
     """
+    # Sums over cubes of any size come from cumulative sums along the three axes (a summed-area
+    # table): a difference along each axis in turn leaves the count of true points in each cube.
     counts = np.pad(mask, ((1, 0),) * 3).cumsum(0).cumsum(1).cumsum(2)
     for size in range(min(mask.shape), 0, -1):
         inside = counts
@@ -307,6 +348,7 @@ def _largest_block(mask: Mask) -> tuple[Index, int]:
 
 def _rotations(centre: Array, steps: int, robot: Reachable) -> Iterator[Planned]:
     """Turn about each task axis that has limits; there is none if the platform only translates."""
+    # `away` holds the turns themselves, from limit to limit, so the middle pose is unturned.
     axes = zip(robot.kinematics.mechanism.task, robot.limits.task, strict=True)
     for place, (axis, interval) in enumerate(axes):
         if not axis.is_revolute or interval is None:
@@ -333,10 +375,12 @@ def _lines(centre: Array, config: ValidationConfig, robot: Reachable) -> Iterato
 def _shortened(
     middle: Array, away: Array, judge: Callable[[Array], str], test: str, size: float, unit: str
 ) -> tuple[Array, tuple[str, ...]]:
-    """Return poses `away` (N, t) from a middle (t,), shortened to what the robot can do, and why.
+    """Return poses `away` (N, t) from a middle (t,), shortened to what the robot can do.
 
-    Down to two thirds of the size that was requested.
+    With a note if they are shortened. `judge` returns why poses are impossible, or ""; `size` in
+    `unit` is the requested one. Raise `PlanInvalid` if two thirds of it are impossible as well.
     """
+    # The reason to be named is that of the full size: later trials may fail for another one.
     first_reason = ""
     for part in SHRINK ** np.arange(SHRINKS):
         poses = middle + float(part) * away
@@ -349,6 +393,7 @@ def _shortened(
 
 
 def _impossible(test: str, reason: str) -> PlanInvalid:
+    """Return the error for a test that the robot cannot do, however it is shortened."""
     return PlanInvalid(
         f"{test} cannot be done with the controller's kinematics: {reason}",
         remedy="move validation.centre_mm or shorten the test in campaign.yaml, or validate "
