@@ -50,11 +50,11 @@ def show_run(terminal: Terminal, ran: RunResult) -> None:
 
 def preview_line(preview: RunPreview, work: Work) -> str:
     """Return what a run is about to do: `138 shots, about 6 min`, or what a series lacks."""
-    shots = f"{len(preview.left)} shots"
+    shots = f"{len(preview.pending)} shots"
     if preview.series is not None:
         shots = (
             f"series {preview.series} has {preview.measured} of {preview.shots} shots, "
-            f"{len(preview.left)} are left"
+            f"{len(preview.pending)} are left"
         )
     skipped = f", {in_words(preview.skipped)} left out" if preview.skipped else ""
     goal = (

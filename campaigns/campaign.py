@@ -1,5 +1,21 @@
 """Campaign: a folder with settings, nominal robot, plan and journal, and what follows from them."""
 
+# Theory of operation
+#
+# A campaign's folder holds everything. Three of its files may be edited by people: campaign.yaml
+# (settings), the nominal robot file, and plan.csv. Everything that was measured, identified or
+# loaded is in campaign.db, the journal, which only grows.
+#
+# `Campaign` is a small immutable value: the folder's path with the two files that do not change
+# during a command, settings and nominal robot, checked when they are read. Plan and journal are
+# read again at each use, because other processes write them. The properties translate settings into
+# what each part of the work needs: the tracker's view, the restricted space, the pace, limits.
+#
+# Who changes the campaign holds its lock (`held`, `journal`); readers (`journal_reader`) need
+# none, so that status and report work while a run measures. Two journals are refused: that of
+# another campaign, whenever it is opened, and, by `open_campaign`, one that lacks records of a
+# rescued copy.
+
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -39,7 +55,7 @@ FULL_JOINT_SPEED_RAD_S = float(np.radians(180.0))
 
 
 def now_utc() -> str:
-    """Return the time for records."""
+    """Return the present time in UTC, ISO 8601 with milliseconds, for records."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
@@ -53,7 +69,13 @@ def moment(utc: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """Campaign as it lies on disk."""
+    """Campaign in a folder: its settings and its nominal robot.
+
+    Attributes:
+        folder: The campaign's folder.
+        config: Settings of campaign.yaml.
+        nominal: Nominal robot with the text of its file.
+    """
 
     folder: Path
     config: CampaignConfig
@@ -66,28 +88,28 @@ class Campaign:
 
     @property
     def plan_path(self) -> Path:
-        """plan.csv."""
+        """Path of plan.csv."""
         return self.folder / PLAN
 
     @property
     def journal_path(self) -> Path:
-        """campaign.db."""
+        """Path of the journal, campaign.db."""
         return self.folder / JOURNAL
 
     @property
     def is_simulated(self) -> bool:
-        """Whether no real device is meant."""
+        """Whether both devices are simulated."""
         urls = (self.config.controller.url, self.config.tracker.url)
         return all(url.startswith(SIMULATED) for url in urls)
 
     @property
     def is_by_hand(self) -> bool:
-        """Whether somebody works a device by hand, and is asked at each shot."""
+        """Whether a person works a device by hand, and is asked at each shot."""
         return BY_HAND in (self.config.controller.url, self.config.tracker.url)
 
     @property
     def is_offline(self) -> bool:
-        """Whether nothing is connected: programs go out, and files of what was measured come in."""
+        """Whether no device is connected: programs are written, and measured shots imported."""
         return OFFLINE in (self.config.controller.url, self.config.tracker.url)
 
     def require_devices(self) -> None:
@@ -103,16 +125,16 @@ class Campaign:
 
     @property
     def robot_identity(self) -> str:
-        """Identity of the robot this is about: its serial number, or the nominal one's name."""
+        """Identity of the real robot: its serial number, or else the nominal robot's name."""
         return self.config.instruments.robot_serial or self.robot.name
 
     def path(self, name: str) -> Path:
-        """Return the file of this campaign."""
+        """Return the path of a file in the campaign's folder."""
         return self.folder / name
 
     @property
     def centre(self) -> Array:
-        """Middle of the workspace, (t,): where drift is watched and detours lead."""
+        """Pose in the middle of the workspace, (t,), mm and rad, over which detours lead."""
         centre = np.zeros(len(self.robot.mechanism.task))
         centre[:3] = self.config.validation.centre_mm
         return centre
@@ -122,49 +144,50 @@ class Campaign:
         """View of the reflector from the tracker."""
         tracker = self.config.tracker
         centre_mm = self.config.validation.centre_mm
+        # unless stated otherwise, the reflector faces the tracker at the workspace's centre
         away_mm = np.subtract(tracker.place_mm, centre_mm)
         facing = tracker.reflector_facing or vector(away_mm)
         return View(tracker.place_mm, facing, tracker.acceptance_rad)
 
     @property
     def space(self) -> RestrictedSpace:
-        """Space that is left to the plate."""
+        """Space in which the plate may be, by `space` in campaign.yaml."""
         robot = self.robot
         radius_mm = platform_radius_mm(robot.mechanism, robot.kinematics.p, robot.limits)
         return restricted_space(self.config.space, radius_mm)
 
     @property
     def region(self) -> FeasibleRegion:
-        """Region where poses may be planned."""
+        """Region of poses that robot, tracker's view and restricted space allow."""
         return region_of(self.robot, self.view, pose_of(self.centre), self.space)
 
     def workspace_sample(self) -> Array | None:
         """Return poses (N, t) at which every step judges positions; None if there are hardly any.
 
-        All over the robot's reach, whether the tracker sees them or not.
+        They are spread over the robot's reach, whether the tracker sees them or not: the robot
+        will work there, too.
         """
         robot = self.robot
         return sample_workspace(robot.kinematics, robot.limits, self.centre, self.space)
 
     @property
     def identification_settings(self) -> dict[str, JsonValue]:
-        """Settings that an identification's verdict rests on, unless they are as by default.
-
-        Limits are not: they may be set late, and it says itself where it rests on them.
-        """
+        """Settings that an identification rests on, without those at their defaults."""
+        # Acceptance limits are not among them: they may be agreed late. A result whose verdict
+        # rests on limits keeps them itself (`RecordedIdentification.outdated_by`).
         keys = {"space", "known_lengths"}
         return self.config.model_dump(mode="json", include=keys, exclude_defaults=True)
 
     def outdated(self, identification: RecordedIdentification) -> tuple[str, ...]:
-        """Return keys of settings that changed since this identification was judged by them."""
+        """Return the keys of settings that changed since an identification was judged by them."""
         limits_mm = self.config.acceptance.distances_mm
         return identification.outdated_by(self.identification_settings, limits_mm)
 
     @property
     def instrument(self) -> TrackerUncertainty:
-        """Tracker's standard uncertainty, by the limits that campaign.yaml has of its data sheet.
+        """Tracker's standard uncertainty, by the limits of its data sheet in campaign.yaml.
 
-        For plans, and for shots of which the tracker itself stated none.
+        It serves for plans, and for shots whose uncertainty the tracker did not state.
         """
         limits = self.config.tracker.uncertainty
         common = self.config.tracker.common
@@ -174,13 +197,13 @@ class Campaign:
 
     @property
     def pace(self) -> Pace:
-        """Time that a shot takes besides the way."""
+        """Speed and times by which the duration of a plan is estimated."""
         config = self.config
         speed = FULL_JOINT_SPEED_RAD_S * config.controller.speed_percent / 100.0
         return Pace(speed, config.settle.time_s, config.tracker.measuring_time_s)
 
     def plan_request(self, shots: int | None = None) -> PlanRequest:
-        """Return the request for a plan, by campaign.yaml unless a number of shots is given."""
+        """Return the request for a plan by campaign.yaml; `shots` overrides its number of shots."""
         plan = self.config.plan
         centre = pose_of(self.centre)
         return PlanRequest(
@@ -188,7 +211,7 @@ class Campaign:
         )
 
     def read_plan(self) -> tuple[PlannedShot, ...]:
-        """Return plan.csv; raise `PlanInvalid`."""
+        """Return the shots of plan.csv; raise `PlanInvalid`."""
         return read_plan(self.plan_path, self.robot.mechanism)
 
     def checked_plan(
@@ -196,7 +219,10 @@ class Campaign:
         shots: tuple[PlannedShot, ...] | None = None,
         tell: Callable[[str], None] = lambda _: None,
     ) -> CheckedPlan:
-        """Check a plan, plan.csv by default, for the nominal robot; raise `PlanInvalid`."""
+        """Check a plan, by default plan.csv, for the nominal robot; raise `PlanInvalid`.
+
+        `tell` receives words on the progress.
+        """
         names = [nest.name for nest in self.config.nests]
         known_lengths = self.config.known_lengths
         limits = PlanLimits(self.robot_model, self.view, self.pace, names, known_lengths)
@@ -204,44 +230,54 @@ class Campaign:
 
     @property
     def robot_model(self) -> RobotModel:
-        """Nominal robot in its space, against which ways are checked."""
+        """Nominal robot in its space, by which ways are checked."""
         robot = self.robot
         return RobotModel(robot.kinematics, robot.limits, self.centre, self.space)
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Keep other processes from changing the campaign meanwhile; raises `CampaignLocked`."""
+        """Keep other processes from changing the campaign during the block.
+
+        Raise `CampaignLocked` if another process holds it.
+        """
         with campaign_lock(self.folder, now_utc=now_utc):
             yield
 
     @contextmanager
     def journal(self) -> Iterator[Journal]:
-        """Return the journal, made if there is none, and held by this process alone."""
+        """Open the journal for writing during the block, and hold the campaign.
+
+        The journal is made if there is none. Raise `CampaignLocked`, `JournalFailed`.
+        """
         with self.held(), self.opened_journal() as journal:
             yield journal
 
     def opened_journal(self) -> Journal:
-        """Return the journal, made if there is none; the caller holds the campaign.
+        """Return the journal for writing, made if there is none; the caller holds the campaign.
 
-        Raises `JournalFailed` also for one of another campaign.
+        Raise `JournalFailed` for a journal that cannot be opened, or is another campaign's.
         """
         path = self.journal_path
         opened = open_journal(
             path,
             now_utc=now_utc,
-            waits_for_disk=not self.is_simulated,  # a power cut moves no robot there
+            # a record must be on the disk before a robot moves by it; a power cut also stops a
+            # simulated robot, which therefore need not wait
+            waits_for_disk=not self.is_simulated,
         )
-        return self._own(opened)
+        return self._checked(opened)
 
     def journal_reader(self) -> JournalReader:
-        """Return the journal to read; raise `ShotsMissing` when nothing was ever written to it.
+        """Return the journal for reading.
 
-        Raises `JournalFailed` also for one of another campaign.
+        Raise `ShotsMissing` if there is none yet, and `JournalFailed` for a journal that cannot be
+        read, or is another campaign's.
         """
         self.require_journal()
-        return self._own(read_journal(self.journal_path))
+        return self._checked(read_journal(self.journal_path))
 
-    def _own(self, journal: JournalT) -> JournalT:
+    def _checked(self, journal: JournalT) -> JournalT:
+        """Return a journal that is this campaign's; close any other, and raise `JournalFailed`."""
         try:
             self.require_own(journal.series())
         except BaseException:
@@ -250,9 +286,9 @@ class Campaign:
         return journal
 
     def require_own(self, all_series: Iterable[Series]) -> None:
-        """Raise `JournalFailed` when series of a journal are another campaign's.
+        """Raise `JournalFailed` if any series of a journal is another campaign's.
 
-        Series from before campaigns had an identity may be any campaign's.
+        Series from before campaigns had an identity are accepted.
         """
         for series in all_series:
             settings = series.started.configuration
@@ -268,11 +304,13 @@ class Campaign:
 
     def require_nothing_rescued(self) -> None:
         """Raise `JournalFailed` while a rescued journal has records that campaign.db lacks."""
+        # A rescued copy is made when another program deletes or damages campaign.db during a run.
+        # Work that went on with the shorter journal would split the campaign in two.
         for copy in rescued_copies(self.journal_path):
             try:
-                with read_journal(copy) as kept:
-                    self.require_own(kept.series())
-                    number, digest = kept.last_number(), kept.digest()
+                with read_journal(copy) as rescued:
+                    self.require_own(rescued.series())
+                    number, digest = rescued.last_number(), rescued.digest()
             except JournalFailed:  # not whole, or another campaign's
                 continue
             if number and not self._holds(number, digest):
@@ -284,7 +322,7 @@ class Campaign:
                 )
 
     def _holds(self, number: int, digest: str) -> bool:
-        """Return whether the journal is there, whole, and has all records up to this one."""
+        """Return whether the journal can be read and has all records up to this number."""
         try:
             with read_journal(self.journal_path) as journal:
                 return journal.holds(number, digest)
@@ -292,27 +330,23 @@ class Campaign:
             return False
 
     def require_journal(self) -> None:
-        """Raise `ShotsMissing` when nothing was ever written to the journal."""
+        """Raise `ShotsMissing` if there is no journal yet."""
         if not self.journal_path.exists():
             raise self._nothing_measured()
 
     def measured_series(self, journal: JournalReader) -> Series:
-        """Return series to identify from: the latest run or import; raise `ShotsMissing`.
-
-        A run may be unfinished, an import that broke off counts for nothing, and one of known
-        lengths alone is for whatever was measured beside it.
-        """
+        """Return the series to identify from, the latest run or import; raise `ShotsMissing`."""
+        # A run may be unfinished: its accepted shots are good. An import without an end broke off
+        # while it was written. Shots at bars of known length alone determine no robot: they are
+        # added to those of another series (`known_length_shots`).
         runs, imports = journal.series("run"), journal.series("import")
-        finished = [
-            *runs,
-            *(each for each in imports if each.finished and not each.of_known_lengths),
-        ]
-        if not finished:
+        whole = [each for each in imports if each.finished and not each.of_known_lengths]
+        if not (runs or whole):
             raise self._nothing_measured()
-        return max(finished, key=lambda series: series.number)
+        return max((*runs, *whole), key=lambda series: series.number)
 
     def known_length_shots(self, journal: JournalReader) -> tuple[AcceptedShot, ...]:
-        """Return shots of the latest whole import of known lengths alone; () without one."""
+        """Return the shots of the latest whole import of known lengths alone; () without one."""
         imports = (each for each in journal.series("import") if each.finished)
         shots = [each.shots for each in imports if each.of_known_lengths]
         return shots[-1] if shots else ()
@@ -325,9 +359,23 @@ class Campaign:
 
 
 def open_campaign(folder: Path | str) -> Campaign:
-    """Return the campaign of a folder; raise `ConfigInvalid`.
+    """Open the campaign of a folder.
 
-    Raises `JournalFailed` while a rescued journal in it waits to be taken.
+    Args:
+        folder: The campaign's folder, with campaign.yaml and the robot file that it names.
+
+    Returns:
+        The campaign: `robot`, `config`, `read_plan()`, `journal_reader()`. The steps in `workflow`
+        and `evaluate` take it.
+
+    Raises:
+        ConfigInvalid: campaign.yaml or the robot file is missing, or cannot be used as written.
+        JournalFailed: A rescued journal in the folder has records that campaign.db lacks.
+
+    Example:
+        >>> campaign = open_campaign("cell-7")
+        >>> campaign.robot.mechanism.name
+        'par4'
     """
     folder = Path(folder)
     config = read_campaign(folder)

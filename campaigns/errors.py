@@ -1,5 +1,9 @@
 """Errors of a campaign, named by what the operator does next."""
 
+# Each class stands for one reaction, not for one place in the program: a table in app/exits.py
+# gives it an exit code, and docs/how-to/troubleshooting.md a line. The text of an error says what
+# is wrong, where, the value and its limit; `remedy` says what to do.
+
 from drivers.errors import ExplainedError
 
 
@@ -18,7 +22,7 @@ class PlanInvalid(CampaignError):
 
 
 class OptionsInvalid(CampaignError):
-    """Options that don't go together, cannot be understood, or ask for what there is not."""
+    """Options contradict each other, cannot be understood, or name what does not exist."""
 
 
 class ShotsInvalid(CampaignError):

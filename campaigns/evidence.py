@@ -1,7 +1,21 @@
-"""Evidence: everything that a campaign's folder holds, and its evaluation as one value.
+"""Evidence: everything that a campaign's folder holds, and its evaluation, as one value each."""
 
-Only reads. The report and the live page show it; neither judges anything itself.
-"""
+# Theory of operation
+#
+# `gather` reads the folder once and writes nothing: settings, plan.csv, the exported robot file and
+# the journal become one immutable value, `Evidence`. What is missing is None or empty. What is
+# there and cannot be read becomes a sentence in `unreadable`, so that one spoilt file hides
+# nothing else; only a journal that cannot be read is an error.
+#
+# `Evaluation` derives from this value, part by part when it is needed: the figures of both
+# validations, the gains, the errors of both models, the checks and the verdict. Report, live page,
+# `status` and next step take their statements from here and judge nothing themselves, so that they
+# cannot contradict each other.
+#
+# The checks form the chain from plan to controller; most links compare two digests. plan.csv must
+# be the plan that was measured; nominal robot and journal those that were identified from; the
+# parameter file, the last load and the set that the controller held in the validation must be the
+# identified set or a form of it. A link that does not hold keeps the verdict from being a pass.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -54,25 +68,25 @@ STAGES: Mapping[Literal["before", "after"], frozenset[Stage]] = {
     "before": frozenset({"before"}),
     "after": frozenset({"after", "after by targets"}),
 }
-"""Stages of series that count as each of a validation's."""
+"""Stages of the journal's series, by the stage of the validation that they belong to."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSeries:
-    """Series with its accepted shots as arrays, which are made when they are asked for."""
+    """Series with its accepted shots as arrays, made at first use."""
 
     series: Series
     mechanism: ClosedChain
 
     @cached_property
     def shots(self) -> Shots:
-        """Accepted shots."""
+        """Accepted shots of the series."""
         return shots_of_journal(self.series.shots, self.mechanism)
 
 
 @dataclass(frozen=True, slots=True)
 class Incident:
-    """Something that went otherwise than planned, or that the operator should know."""
+    """Deviation from the plan, or an event that the operator should know of."""
 
     at_utc: str
     series: int | None
@@ -80,7 +94,7 @@ class Incident:
 
     @property
     def concerns(self) -> str:
-        """The shot and attempt, or the pair."""
+        """Shot and attempt, or pair, or kind of event that the incident is about."""
         match self.record:
             case Rejected(shot=shot, attempt=attempt):
                 return f"shot {shot}, attempt {attempt}"
@@ -93,57 +107,69 @@ class Incident:
 
     @property
     def text(self) -> str:
-        """Why, in the words of the journal."""
+        """Reason in the words of the journal."""
         record = self.record
         return record.text if isinstance(record, Event) else record.reason
 
 
 @dataclass(frozen=True, slots=True)
 class JournalFacts:
-    """What the journal says besides shots and findings."""
+    """Contents of the journal besides shots and findings."""
 
     series: tuple[Series, ...]
+    """All series, in the order of their beginning."""
     incidents: tuple[Incident, ...]
     records: int
+    """Number of records."""
     digest: str
     """Digest of all records."""
     identified_digest: str | None
-    """Digest of the records up to where the identification was made, as they are now."""
+    """Digest of the records up to the identification, as they are now; None without one."""
     unended_load: str = ""
-    """Sentence about a load that was begun and not ended; empty when there is none."""
+    """Sentence about a load that was begun and not ended; empty if there is none."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Evidence:
-    """Everything there is of a campaign; None: it is not there."""
+    """Everything read from a campaign's folder.
+
+    A field is None or empty if the campaign has not got that far.
+    """
 
     campaign: Campaign
     journal: JournalFacts | None = None
     before: tuple[MeasuredSeries, ...] = ()
-    """Those of the validation, oldest first; of each test the latest counts."""
+    """Series of the validation before calibration, oldest first."""
     run: MeasuredSeries | None = None
+    """Series that was identified from, or that the next identification would use."""
     after: tuple[MeasuredSeries, ...] = ()
+    """Series of the validation after calibration, oldest first."""
     identification: RecordedIdentification | None = None
+    """Latest identification."""
     loaded: Load | None = None
+    """Latest load that took effect."""
     checked: RecordedCheck | None = None
+    """Latest check."""
     plan: tuple[PlannedShot, ...] | None = None
+    """Shots of plan.csv."""
     parameter_file: RobotFile | None = None
+    """Exported robot file in the campaign's folder."""
     spoilt_parameter_file: bool = False
-    """Whether it is there and cannot be read."""
+    """Whether the exported robot file is there and cannot be read."""
     sets: KnownSets | None = None
-    """Parameter sets that the journal knows."""
+    """Parameter sets in the journal."""
     written: WrittenSet | None = None
-    """What `export` or `correct` wrote last."""
+    """Set with which `export` or `correct` wrote a file last."""
     forms: tuple[WrittenSet, ...] = ()
     """Forms of identified sets that are robot files in the campaign's folder, latest first."""
     program_after: bool = False
-    """Whether there is a program of what was written last."""
+    """Whether there is a program for the validation after calibration with `written`."""
     unreadable: tuple[str, ...] = ()
-    """What is there and cannot be read, and why."""
+    """Problems of files and records that are there and cannot be read."""
 
     @cached_property
     def plan_digest(self) -> str | None:
-        """Digest of plan.csv."""
+        """Digest of plan.csv; None without a plan."""
         mechanism = self.campaign.robot.mechanism
         return None if self.plan is None else plan_digest(self.plan, mechanism)
 
@@ -158,17 +184,18 @@ class Evidence:
         return self.sets.state(digest) if self.sets and digest else None
 
     def held(self, stage: Literal["before", "after"]) -> ControllerState | None:
-        """Return the state of the controller in a stage; None where it was not validated."""
-        every = self.before if stage == "before" else self.after
-        if not every:
+        """Return the state of the controller in a stage; None if the stage was not validated."""
+        measured = self.before if stage == "before" else self.after
+        if not measured:
             return None
-        started = every[-1].series.started
+        # all series of a stage have the same parameters (see `_chosen`): the last one's are theirs
+        started = measured[-1].series.started
         state, targets = self.state(started.robot_file_digest), started.stage == "after by targets"
         return state and replace(state, targets=targets, declared=started.declared)
 
     @property
     def file_origin(self) -> str | None:
-        """Digest of the set that the parameter file holds, or is a form of, as for warmer parts."""
+        """Digest of the set that the parameter file holds, or whose form it holds; None without."""
         if self.parameter_file is None:
             return None
         digest = self.parameter_file.digest()
@@ -177,10 +204,9 @@ class Evidence:
 
     @property
     def loaded_since(self) -> bool:
-        """Whether, since it was validated after, the controller was given another set.
-
-        Beside corrected targets any but the nominal one is another.
-        """
+        """Whether the controller was given another set since the validation after calibration."""
+        # A declared set was never read, so that a load cannot be compared with it. By corrected
+        # targets the controller held the nominal set, while `after.digest` is the correcting one.
         after, loaded = self.held("after"), self.loaded
         if after is None or after.declared or loaded is None or self.sets is None:
             return False
@@ -189,7 +215,7 @@ class Evidence:
 
     @property
     def _is_loaded_later(self) -> bool:
-        """Whether the last load came after the last validation began."""
+        """Whether the last load ended after the last validation began."""
         if self.loaded is None or not self.loaded.at_utc:
             return False
         started = self.after[-1].series.started_utc
@@ -197,7 +223,10 @@ class Evidence:
 
     @property
     def controller(self) -> ControllerState | None:
-        """State of the controller by what was loaded last, or read since for a validation."""
+        """State of the controller by the latest load or validation, whichever is later.
+
+        None without either. A validation counts only if it read the controller's parameters.
+        """
         after = self.held("after")
         if after is None or after.declared or after.targets or self._is_loaded_later:
             return self.state(self.loaded.digest if self.loaded else None)
@@ -205,58 +234,68 @@ class Evidence:
 
     @property
     def unanswered(self) -> RecordedCheck | None:
-        """Latest check, where it is not good and no new shots followed it."""
+        """Latest check if it did not pass and no new shots to identify from followed; else None."""
         check, identification = self.checked, self.identification
         if check is None or identification is None or check.decision == "pass":
             return None
         series = self.journal.series if self.journal else ()
-        new = any(each.number > check.series and each.to_identify for each in series)
-        return None if new else check
+        is_followed = any(each.number > check.series and each.to_identify for each in series)
+        return None if is_followed else check
 
     @property
     def simulated(self) -> str:
-        """Sentence on simulated devices, as each series says, or as campaign.yaml plans."""
+        """Sentence on simulated devices, by each series or by campaign.yaml; "" if all are real."""
         series = self.journal.series if self.journal else ()
         return simulated_devices(series, planned=self.campaign.is_simulated)
 
     def by_stage(self) -> tuple[tuple[str, MeasuredSeries], ...]:
-        """Return the series that are there, in the order in which a campaign measures them."""
+        """Return the names of all series with their shots, in the order of a campaign."""
         run = () if self.run is None else (self.run,)
         stages = (("before", self.before), ("run", run), ("after", self.after))
         return tuple(
-            (name if len(every) == 1 else f"{name}, series {measured.series.number}", measured)
-            for name, every in stages
-            for measured in every
+            (name if len(all_of_stage) == 1 else f"{name}, series {item.series.number}", item)
+            for name, all_of_stage in stages
+            for item in all_of_stage
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Evaluation of a campaign's evidence, worked out as it is asked for.
+    """Evaluation of a campaign: what its report shows, computed at first use.
 
-    None: the campaign does not have it yet.
+    Each attribute is None or empty if the campaign has not got that far.
+
+    Attributes:
+        evidence: Everything read from the campaign's folder.
+        before: Figures of the validation before calibration, mm, with their uncertainties.
+        after: Figures of the validation after calibration.
+        gains: Each figure before and after.
+        errors: Errors of the nominal and the identified model at the measured shots, mm.
+        checks: Statements on whether plan, journal, files and controller belong together.
+        time_series: Temperature and drift of each series.
+        verdict: Decision on the whole campaign, with its reasons.
     """
 
     evidence: Evidence
 
     @cached_property
     def before(self) -> validation.ValidationResult | None:
-        """Validation before calibration: of each test the latest."""
+        """Figures of the validation before calibration: of each test the latest."""
         return self._validation(self.evidence.before)
 
     @cached_property
     def after(self) -> validation.ValidationResult | None:
-        """Validation after calibration: of each test the latest."""
+        """Figures of the validation after calibration: of each test the latest."""
         return self._validation(self.evidence.after)
 
     @cached_property
     def gains(self) -> tuple[Gain, ...]:
-        """Every figure of the commanded robot before and after."""
+        """Each figure of the commanded robot before and after."""
         return gains(self.before, self.after)
 
     @cached_property
     def errors(self) -> model_errors.ModelErrors | None:
-        """Errors of the models."""
+        """Errors of the nominal and the identified model at the measured shots, mm."""
         modelled = _modelled(self.evidence)
         if modelled is None:
             return None
@@ -268,17 +307,21 @@ class Evaluation:
 
     @cached_property
     def checks(self) -> tuple[Check, ...]:
-        """Checks of whether the files belong together."""
+        """Statements on whether plan, journal, files and controller belong together."""
         return tuple(_checks(self.evidence))
 
     @cached_property
     def time_series(self) -> tuple[TimeSeries, ...]:
         """Temperature and drift of each series that has them."""
-        every = (time_series(name, each.shots) for name, each in self.evidence.by_stage())
-        return tuple(each for each in every if not each.is_empty)
+        courses = (time_series(name, each.shots) for name, each in self.evidence.by_stage())
+        return tuple(course for course in courses if not course.is_empty)
 
     def validated(self, stage: Literal["before", "after"]) -> ValidationVerdict:
-        """Return the verdict on a stage; after calibration it must not be worse than before."""
+        """Return the verdict on a stage by the limits in campaign.yaml.
+
+        After calibration the robot must also not be worse than before, and a reduced form must
+        not lose more than a limit anywhere in the workspace.
+        """
         limits = self.evidence.campaign.config.acceptance
         if stage == "before":
             return validation_verdict(self.before, limits)
@@ -307,17 +350,19 @@ class Evaluation:
         )
 
     def _held_in_words(self) -> Iterator[str]:
-        """Return what the controller held in each stage, unless that is evident."""
+        """Yield sentences on what the controller held, where it was a form or was declared."""
         for stage in STAGES:
             held = self.evidence.held(stage)
             if held is not None and (held.form or held.declared):
                 yield f"Validated {stage} with {held.says}."
 
-    def _validation(self, every: tuple[MeasuredSeries, ...]) -> validation.ValidationResult | None:
+    def _validation(
+        self, measured: tuple[MeasuredSeries, ...]
+    ) -> validation.ValidationResult | None:
         instrument = self.evidence.campaign.instrument
         return validation.latest_of_each_test(
             validation.evaluate_validation(item.shots, instrument, item.series.number)
-            for item in every
+            for item in measured
         )
 
 
@@ -332,16 +377,36 @@ def is_program_there(folder: Path, stage: str, digest: str) -> bool:
     if not is_file(path):
         return False
     with path.open("rb") as file:
-        return digest.encode() in file.read(4000)
+        return digest.encode() in file.read(4000)  # the heading stands in the first row
 
 
 def evaluate(campaign: Campaign) -> Evaluation:
-    """Return the evaluation of all that a campaign has; raise as `gather` does."""
+    """Evaluate all that a campaign has: figures, gains, checks and verdict, as its report has them.
+
+    Args:
+        campaign: The campaign, from `open_campaign`; at any stage.
+
+    Returns:
+        `before`, `after`, `gains`, `errors`, `checks`, `time_series` and `verdict`, computed at
+        first use; None or empty where the campaign has not got that far.
+
+    Raises:
+        JournalFailed: The journal cannot be read.
+
+    Example:
+        >>> evaluation = evaluate(open_campaign("cell-7"))
+        >>> evaluation.verdict.decision
+        'pass'
+        >>> evaluation.after.distances.mean.value_mm
+    """
     return Evaluation(gather(campaign))
 
 
 def gather(campaign: Campaign) -> Evidence:
-    """Read everything that is there; raises `JournalFailed` for a journal that cannot be read."""
+    """Read everything in a campaign's folder.
+
+    Raise `JournalFailed` for a journal that cannot be read.
+    """
     unreadable: list[str] = []
     path = campaign.path(PARAMETER_FILE)
     parameters = _read_if_there(path, lambda path: read_robot(path).robot, unreadable)
@@ -359,7 +424,7 @@ def gather(campaign: Campaign) -> Evidence:
 
 
 def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
-    """Return the evidence of the files with what the journal says."""
+    """Return the evidence of the files completed by the journal."""
     campaign, unreadable = files.campaign, [*files.unreadable]
     entries, all_series = journal.records(), journal.series()
     identification = _latest(journal, "identification", read_identification, unreadable)
@@ -373,12 +438,14 @@ def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
     )
     identified_digest = None
     if identification is not None:
+        # Records may have come since; those up to the identification must be as they were. A
+        # journal that lost records is compared as far as it goes, and then differs.
         through = min(identification.journal_records, journal.last_number())
         identified_digest = journal.digest(through=through)
     run = _measured(campaign, _identified_series(all_series, identification))
     findings = [entry.record for entry in entries if isinstance(entry.record, Finding)]
-    every_written = tuple(written_sets(journal))
-    written = next(iter(every_written), None)
+    all_written = tuple(written_sets(journal))
+    written = next(iter(all_written), None)
     return replace(
         files,
         journal=JournalFacts(
@@ -399,15 +466,18 @@ def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
         checked=_latest(journal, "check", read_check, unreadable),
         sets=KnownSets.of(campaign.robot, findings),
         written=written,
-        forms=tuple(_forms_there(campaign, every_written)),
+        forms=tuple(_existing_forms(campaign, all_written)),
         program_after=written is not None
         and is_program_there(campaign.folder, "after", written.digest),
         unreadable=tuple(unreadable),
     )
 
 
-def _forms_there(campaign: Campaign, written: Iterable[WrittenSet]) -> Iterator[WrittenSet]:
-    """Return what was written last to each file that is a form to be loaded, latest first."""
+def _existing_forms(campaign: Campaign, written: Iterable[WrittenSet]) -> Iterator[WrittenSet]:
+    """Yield the plain sets that are robot files in the folder, latest first.
+
+    `written` are all written sets, latest first: the first one of a name is what its file holds.
+    """
     names = set[str]()
     for export in written:
         if export.file not in names and campaign.path(export.file).exists():
@@ -419,6 +489,7 @@ def _forms_there(campaign: Campaign, written: Iterable[WrittenSet]) -> Iterator[
 def _read_if_there(
     path: Path, read: Callable[[Path], FoundT], unreadable: list[str]
 ) -> FoundT | None:
+    """Read a file; return None without it, or if it cannot be read, which `unreadable` states."""
     if not path.exists():
         return None
     try:
@@ -434,7 +505,10 @@ def _latest(
     read: Callable[[Mapping[str, JsonValue]], FoundT],
     unreadable: list[str],
 ) -> FoundT | None:
-    """Read the last finding of a kind; None without one, or where it cannot be read."""
+    """Read the last finding of a kind; return None without one, or if it cannot be read.
+
+    No earlier finding takes the place of an unreadable one: it would be out of date.
+    """
     for entry in journal.findings(kind)[-1:]:
         try:
             return read(entry.record.body)
@@ -444,6 +518,7 @@ def _latest(
 
 
 def _unended_load(journal: JournalReader, unreadable: list[str]) -> str:
+    """Return a sentence about a load without an end; "" if there is none."""
     try:
         _, unended = load_history(journal)
     except FindingUnreadable as error:
@@ -453,11 +528,13 @@ def _unended_load(journal: JournalReader, unreadable: list[str]) -> str:
 
 
 def _chosen(all_series: Iterable[Series], stages: frozenset[Stage]) -> tuple[Series, ...]:
-    """Return finished series of these stages, or the last one begun when none is finished.
+    """Return the series of a validation that count together, oldest first.
 
-    All of the last one's stage, and with the same parameters in the controller: what was measured
-    with others says nothing of these.
+    These are the finished series of `stages`, or else the last one begun, as far as stage and
+    controller's parameters are those of the last.
     """
+    # Tests may be spread over several series, but figures of a robot with other parameters are of
+    # another robot. An import without an end broke off while it was written: it counts for nothing.
     of_stage = [
         series
         for series in all_series
@@ -468,30 +545,33 @@ def _chosen(all_series: Iterable[Series], stages: frozenset[Stage]) -> tuple[Ser
 
 
 def _conditions(series: Series) -> tuple[str, str]:
+    """Return the stage of a series and the digest of the controller's parameters."""
     return series.started.stage, series.started.robot_file_digest
 
 
 def _identified_series(
     all_series: tuple[Series, ...], identification: RecordedIdentification | None
 ) -> tuple[Series, ...]:
-    """Return the series that the identification rests on, or that the next would rest on."""
+    """Return the series that the identification rests on, or that the next one would rest on."""
     if identification is None:
         measured = (each for each in all_series if each.started.stage in {"run", "import"})
         runs = [each for each in measured if not each.of_known_lengths]
+        # the latest finished one, or while none is finished the latest of all
         return tuple(sorted(runs, key=lambda series: (series.finished, series.number))[-1:])
     return tuple(each for each in all_series if each.number == identification.series)
 
 
-def _measured(campaign: Campaign, every: Iterable[Series]) -> tuple[MeasuredSeries, ...]:
-    """Return the series in which any shot counts."""
+def _measured(campaign: Campaign, all_series: Iterable[Series]) -> tuple[MeasuredSeries, ...]:
+    """Return the series that have any accepted shots."""
     mechanism = campaign.robot.mechanism
-    return tuple(MeasuredSeries(series, mechanism) for series in every if series.shots)
+    return tuple(MeasuredSeries(series, mechanism) for series in all_series if series.shots)
 
 
 def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
-    """Return the shots that were identified from or kept unseen, with the poses of both models.
+    """Return the identified and the hold-out shots, with the poses of both models.
 
-    Before an identification all that can be assembled; None without shots.
+    Before an identification there is the nominal model alone, at shots that it can assemble. None
+    without shots, and for an old identification that kept no poses.
     """
     if evidence.run is None:
         return None
@@ -504,12 +584,12 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
     elif identification.modelled is None:  # by the paper's method in an older version
         return None
     else:
-        table, places = (
-            identification.modelled,
-            {number: row for row, number in enumerate(shots.numbers)},
-        )
-        shots = shots.rows(np.array([places[number] for number in table.numbers], dtype=np.intp))
-        shots = replace(shots, purposes=table.purposes, pairs=table.pairs)
+        # The identification kept which shots it used and how: options may have moved shots
+        # between the sets, or left them out. Its table counts, not the plan's purposes.
+        table = identification.modelled
+        rows_by_number = {number: row for row, number in enumerate(shots.numbers)}
+        rows = np.array([rows_by_number[number] for number in table.numbers], dtype=np.intp)
+        shots = replace(shots.rows(rows), purposes=table.purposes, pairs=table.pairs)
         before, after = np.array(table.before), np.array(table.after)
     return model_errors.ModelledShots(
         shots=shots,
@@ -520,8 +600,9 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
 
 
 def _checks(evidence: Evidence) -> Iterator[Check]:
-    """Check every link of the chain from plan to controller."""
+    """Yield the checks of the chain from plan to controller."""
     run, identification, journal = evidence.run, evidence.identification, evidence.journal
+    # an import was measured without plan.csv
     if run is None or run.series.started.stage != "import":
         yield same_digest("plan.csv is the plan that was measured", *_plan_digests(evidence))
     if identification is None:
@@ -539,10 +620,10 @@ def _checks(evidence: Evidence) -> Iterator[Check]:
 
 
 def _plan_digests(evidence: Evidence) -> tuple[str | None, str | None]:
-    """Return the digests of plan.csv and of the plan that was measured.
-
-    Rows may have come since, and rows gone that were never measured.
-    """
+    """Return the digests of plan.csv and of the plan that was measured; None if there is none."""
+    # An operator may add rows to plan.csv during a run, and delete rows that cannot be measured.
+    # So equal digests are not demanded: it is the same plan if it has every measured shot as it
+    # was measured.
     plan, now = evidence.plan, evidence.plan_digest
     if evidence.run is None:
         return now, None
@@ -556,7 +637,7 @@ def _plan_digests(evidence: Evidence) -> tuple[str | None, str | None]:
 def _identified_checks(
     evidence: Evidence, identification: RecordedIdentification
 ) -> Iterator[Check]:
-    """Check the digests that the identification stated, and of what it found."""
+    """Yield the checks of what the identification rests on, and of where its parameters went."""
     nominal, journal = evidence.campaign.robot, evidence.journal
     parameters = identification.parameter_set(nominal.mechanism).digest()
     statement = "the nominal robot is the one that was identified from"
@@ -577,6 +658,8 @@ def _identified_checks(
     else:
         yield same_digest(statement, evidence.file_origin or next(iter(forms), None), parameters)
     after = evidence.after[-1].series.started if evidence.after else None
+    # By corrected targets nothing was loaded, and where the set was declared, whatever was loaded
+    # earlier says nothing: the last load is compared in neither case.
     how = "the controller held the identified set"
     if after is not None and after.stage == "after by targets":
         how = "targets were corrected with the identified set"
@@ -591,7 +674,7 @@ def _identified_checks(
 
 
 def _same_origin(statement: str, held: ControllerState | None, identified: str) -> Check:
-    """Check that a set is the identified one, or a form of it."""
+    """Check that a set is the identified one, or a form of it; the detail names the form."""
     if held is None or not held.origin:
         return same_digest(statement, held.digest if held else None, identified)
     check = same_digest(statement, held.origin, identified)
@@ -600,7 +683,10 @@ def _same_origin(statement: str, held: ControllerState | None, identified: str) 
 
 
 def _before_check(evidence: Evidence) -> Check:
-    """Check that errors before calibration are those of the nominal robot."""
+    """Check that the robot was validated before calibration with nominal parameters.
+
+    The check does not decide: the gain is then measured from another state, and no less true.
+    """
     statement = "the controller held the nominal parameters when the robot was validated before"
     held = evidence.held("before")
     if held is None:
@@ -609,7 +695,9 @@ def _before_check(evidence: Evidence) -> Check:
 
 
 def _limits_set_later(evidence: Evidence) -> Iterator[str]:
-    """Say when the limits were set, if others or none stood when the robot was validated after."""
+    """Yield a sentence if the limits were set or changed after the validation after calibration."""
+    # Limits may be agreed late, but a reader of the verdict has to know: they could be chosen so
+    # that the measured figures meet them.
     after = evidence.after[-1].series.started if evidence.after else None
     recorded = after.configuration.get("acceptance") if after else None
     config = evidence.campaign.config.acceptance.model_dump(mode="json")

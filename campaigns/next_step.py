@@ -1,8 +1,18 @@
-"""Next step: the state of a campaign by its evidence, and the one command that follows from it.
+"""Next step: the state of a campaign by its evidence, and the one command that follows from it."""
 
-`state_of` derives a flat state from the evidence; `next_step` finds the first row of a table that
-applies to it. The command of a row changes what made the row apply, so no advice leads back.
-"""
+# Theory of operation
+#
+# `state_of` reduces the evidence to a flat state of some twenty words and truth values. `next_step`
+# is a pure function of this state: it takes the first row of `ROWS` that applies. The order of the
+# rows is the order of a campaign's work: look, plan, validate before, run, identify, check, export,
+# load, validate after, report. A row may therefore rely on no earlier one applying.
+#
+# The command of each row changes what made the row apply, so that no advice leads in a circle. A
+# test walks all outcomes of each command from an empty folder to the end. Where no command can
+# change the state, as with limits that are not met, the row says first what to do by hand.
+#
+# Advice names commands with fixed options only. Options that an operator typed earlier are not
+# repeated: what was right for one identification may be wrong for the next.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -31,21 +41,23 @@ OTHER_LIMITS = "agree other limits with the customer ({reasons})"
 
 @dataclass(frozen=True, slots=True)
 class NextStep:
-    """Command to type next, what has to be done by hand before it, and why it is next."""
+    """Next step of a campaign: a command, and what to do by hand before it."""
 
     text: str
-    """The command as it is typed."""
+    """Command as it is typed."""
     first: str = ""
+    """What to do by hand before the command; may be empty."""
     why: str = ""
+    """Reason why the command is next; empty where it is evident."""
 
     @property
     def before(self) -> str:
-        """What to do first, or why the command is next; may be empty."""
+        """What to do first and the reason, as far as there are any."""
         return f"{self.first} ({self.why})" if self.first and self.why else self.first or self.why
 
     @property
     def says(self) -> str:
-        """What to do first, or why, and then the command, as one sentence."""
+        """What to do first, the reason and the command, as one sentence."""
         return f"{self.before}, then: {self.text}" if self.before else self.text
 
     @property
@@ -62,70 +74,77 @@ class CampaignState:
 
     folder: str = "DIR"
     worker: str = ""
-    """Process that works on the campaign now; empty: none."""
+    """Description of the process that works on the campaign now; empty: none does."""
     simulated: bool = False
     offline: bool = False
     """Whether no device is connected: shots are imported."""
     program: bool = False
     """Whether an offline campaign has a program of plan.csv."""
     program_after: bool = False
-    """Whether it has one for what was exported last."""
+    """Whether there is a program with the parameters that were exported last."""
     planned: bool = False
     misplaced: str = ""
-    """Where the shots found the tracker, if campaign.yaml still says another place; or empty."""
+    """Place where the shots found the tracker, in words; empty if campaign.yaml agrees."""
     before: bool = False
     """Whether the robot was validated before calibration."""
     measured: Literal["", "run", "import"] = ""
+    """Source of the latest shots to identify from; empty: there are none."""
     imported: str = "FILE"
     """Name of the file that was imported last."""
     unmeasured: Literal["", "run", "anew"] = ""
-    """Whether plan.csv has shots that are not measured yet, and takes a new series."""
+    """How to measure the shots of plan.csv that are not measured yet; empty: there are none.
+
+    `run` goes on with the series, `anew` begins another one, as measured rows were edited."""
     verdict: Decision | None = None
-    """Of an identification of the latest shots."""
+    """Decision on an identification of the latest shots; None: they are not identified."""
     remedy: str = ""
-    """Command that answers an identification that did not pass."""
+    """Command that answers an identification that did not pass; empty: measure again."""
     remedy_first: str = ""
+    """What to do by hand before that command."""
     check: Literal["", "again", "update", "anew"] = ""
-    """What answers a check that is not good: another check, an update by its shots, new shots."""
+    """Answer to a check that did not pass: another check, an update by its shots, new shots."""
     to_export: Literal["", "yaml", "plain"] = ""
-    """Robot file that is missing: all parameters, or those that the controller has."""
+    """Missing robot file: with all parameters, or with those that the controller has."""
     overwrite: bool = False
-    """Whether an older file has the missing one's name."""
+    """Whether an older file has the name of the missing one."""
     file: str = FILE_NAME
     """Robot file to load, in the campaign's folder."""
     holds: bool = False
-    """Whether the controller holds what was identified, or a form of it."""
+    """Whether the controller holds the identified set, or a form of it."""
     plain: bool = False
-    """Whether it was validated with a form that has fewer parameters."""
+    """Whether the robot was validated with a form that has fewer parameters."""
     after: str = ""
     """Verdict on the robot with the latest identification, or "worse"; empty: not validated."""
     reasons: str = ""
     """Reasons against that verdict."""
     by_targets: bool = False
-    """Whether targets are corrected, or a form was taken back, and none were validated."""
+    """Whether corrected targets have to be validated: some were written, or a load rolled back."""
     reported: bool = False
+    """Whether there is a report of this state."""
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Row of the table: when it applies, the command, what to do by hand first, and why.
-
-    `next_step` says what stands for the words in braces.
-    """
+    """Row of the table of next steps; `next_step` fills in the words in braces."""
 
     applies: Callable[[CampaignState], bool]
+    """Whether the row applies to a state, given that no earlier row does."""
     command: str
     first: str = ""
+    """What to do by hand before the command; may be empty."""
     why: str = ""
+    """Reason why the command is next; may be empty."""
 
 
 ROWS = (
+    # another process works on the campaign: every other command would be refused
     Row(
         lambda s: bool(s.worker),
         "status {folder}",
         "wait, or look on by `pkmcal watch {folder}`",
         "{worker} works on this campaign",
     ),
+    # set up and plan
     Row(
         lambda s: bool(s.misplaced) and (not s.measured or s.unmeasured == "run"),
         "plan {folder}",
@@ -138,6 +157,7 @@ ROWS = (
         f"{LOOK}; `pkmcal devices {{folder}}` asks both devices",
     ),
     Row(lambda s: not (s.planned or s.measured), "plan {folder}"),
+    # measure: an offline campaign by programs and imports, any other by validate and run
     Row(lambda s: not (s.measured or s.program) and s.offline, "plan {folder} --program csv"),
     Row(
         lambda s: not (s.measured or s.before) and s.offline,
@@ -148,11 +168,13 @@ ROWS = (
     Row(lambda s: not (s.measured or s.before), "validate {folder} --stage before"),
     Row(lambda s: not s.measured or s.unmeasured == "run", "run {folder}"),
     Row(lambda s: s.unmeasured == "anew", "run {folder} --anew"),
+    # identify, until an identification of the latest shots passes and no check contradicts it
     Row(lambda s: s.verdict is None, "identify {folder}"),
     Row(lambda s: s.verdict != "pass", "{remedy}", "{remedy_first}"),
     Row(lambda s: s.check == "again", "check {folder}"),
     Row(lambda s: s.check == "update", "identify {folder} --update"),
     Row(lambda s: s.check == "anew", "{again}", CHANGED),
+    # the robot became worse, or the plain form is not good enough: back to nominal parameters
     Row(
         lambda s: s.after == "worse" and s.holds,
         "load {folder} --rollback",
@@ -164,6 +186,7 @@ ROWS = (
         "load {folder} --rollback",
         why="corrected targets may meet the limits that the plain form does not",
     ),
+    # bring the identified set to the controller, and validate the robot with it
     Row(
         lambda s: s.by_targets and s.measured == "run",
         "validate {folder} --stage after --by targets",
@@ -186,6 +209,7 @@ ROWS = (
     ),
     Row(lambda s: not (s.after or s.holds), "load {folder} {file}"),
     Row(lambda s: not s.after, "validate {folder} --stage after"),
+    # report; what follows needs a decision of people, after which the report is made again
     Row(lambda s: not s.reported, "report {folder}"),
     Row(
         lambda s: s.after == NO_LIMIT,
@@ -206,7 +230,7 @@ ROWS = (
 
 
 def next_step(state: CampaignState) -> NextStep | None:
-    """Return the next step by the first row that applies; None where nothing is left to do."""
+    """Return the next step by the first row that applies; None if nothing remains to be done."""
     row = next((row for row in ROWS if row.applies(state)), None)
     if row is None:
         return None
@@ -234,9 +258,12 @@ def state_of(
 ) -> CampaignState:
     """Return the state of a campaign by its evidence.
 
-    `reported`: whether a report was made by the command that ends; None: by report.html. `held`:
-    what was read from the controller just now; else what was loaded last counts.
+    `reported` says whether the command that ends has made a report; None: report.html decides.
+    `held` is the state of a controller that was read just now; None: the latest load or validation
+    decides.
     """
+    # In the order of a campaign: each part returns the state so far as soon as something is missing
+    # on which the later parts rest, so that these keep their defaults.
     evidence = evaluation.evidence
     campaign, identification = evidence.campaign, evidence.identification
     series = evidence.journal.series if evidence.journal else ()
@@ -260,10 +287,11 @@ def state_of(
         state,
         measured="import" if is_imported else "run",
         imported=next((file.name for file in imported_files(latest.started)), "FILE"),
-        unmeasured="" if is_imported else _left(evidence, latest),
+        unmeasured="" if is_imported else _unmeasured(evidence, latest),
     )
     known_lengths = (shot for each in series if each.of_known_lengths for shot in each.shots)
     last_record = max(shot.number for shot in (*latest.shots, *known_lengths))
+    # an identification counts only for these shots, this nominal robot and these settings
     if (
         identification is None
         or identification.series != latest.number
@@ -287,16 +315,15 @@ def _is_reported(evidence: Evidence) -> bool:
     if evidence.journal is None or not path.is_file():
         return False
     with path.open("rb") as file:
-        is_of_journal = evidence.journal.digest.encode() in file.read(
-            4000
-        )  # its head names the last record
+        page_head = file.read(4000)  # which names the digest of the journal's last record
+    is_of_journal = evidence.journal.digest.encode() in page_head
     return is_of_journal and path.stat().st_mtime >= settings.stat().st_mtime
 
 
 def _misplaced(evidence: Evidence) -> str:
-    """Return where the latest series found the tracker, if campaign.yaml still says another place.
+    """Return where the latest series found the tracker, in words; "" if campaign.yaml agrees.
 
-    Empty if no series found it elsewhere, or if tracker.place_mm was changed since.
+    Also "" if tracker.place_mm was changed since that series: the operator has reacted.
     """
     journal = evidence.journal
     series = journal.series[-1] if journal and journal.series else None
@@ -314,26 +341,30 @@ def _misplaced(evidence: Evidence) -> str:
     return next((text.partition(";")[0] for text in texts if text.startswith(WRONG_PLACE)), "")
 
 
-def _left(evidence: Evidence, latest: Series) -> Literal["", "run", "anew"]:
-    """Return whether shots of plan.csv are left to measure: of this series, or of a newer plan."""
+def _unmeasured(evidence: Evidence, latest: Series) -> Literal["", "run", "anew"]:
+    """Return how to measure the shots of plan.csv that the latest run lacks; "" without any."""
     plan = evidence.plan
     if plan is None:
         return ""
     taken = [shot.intent for shot in latest.shots]
-    other = plan_difference(taken, plan)
+    difference = plan_difference(taken, plan)
+    # an unfinished series cannot go on with a plan whose measured rows were changed
     if not latest.finished:
-        return "anew" if other else "run"
+        return "anew" if difference else "run"
     further = {row.shot for row in plan} - {intent.shot for intent in taken}
-    is_same = not (other or further) or evidence.plan_digest == latest.started.plan_digest
+    # A finished series lacks shots also where it ended early or skipped some: with the same plan
+    # this was intended, with an edited plan the new rows are to be measured.
+    is_same = not (difference or further) or evidence.plan_digest == latest.started.plan_digest
     return "" if is_same else "run"
 
 
 def remedy_for(identification: RecordedIdentification) -> tuple[str, str]:
     """Return the command that answers an identification that did not pass, and what to do first.
 
-    By the first finding against it; an empty command is to measure again. An option is named only
-    where the identification had none: two would have to be typed together.
+    The first finding against it decides. An empty command means: measure again.
     """
+    # An option is advised only if the identification had none. Advice replaces typed options, so
+    # that a second option would silently drop the first.
     name = next(iter(identification.obstacles), "")
     of_name = [each.numbers for each in identification.findings if each.name == name]
     numbers = next(iter(of_name), {})
@@ -361,20 +392,21 @@ def remedy_for(identification: RecordedIdentification) -> tuple[str, str]:
 def _answer_to_check(
     evidence: Evidence, identified: Parameters
 ) -> Literal["", "again", "update", "anew"]:
-    """Return what answers a check that is not good; "" without such a check."""
+    """Return what answers a check that did not pass; "" without such a check."""
     check = evidence.unanswered
     if check is None:
         return ""
+    # A failed check that names the changed parts can be answered by an update, which frees these
+    # parts. Without named parts nothing says what to free: new shots have to determine everything.
     if check.of != identified.digest() or check.decision == "not decided":
         return "again"
     return "update" if check.parts else "anew"
 
 
 def _with_file(evidence: Evidence, identified: Parameters, state: CampaignState) -> CampaignState:
-    """Return the state with the robot file to export or to load.
-
-    All parameters, or what the controller has, which the latest series that asked it says.
-    """
+    """Return the state completed by the robot file to export or to load."""
+    # Each series records which parameters the controller lacks. If it lacks any of the identified
+    # ones, a plain form is needed; a form in the folder that has none of them will do.
     digest, series = identified.digest(), evidence.journal.series if evidence.journal else ()
     stated = [each.started.lacks for each in series if each.started.lacks is not None]
     lacking = {*stated[-1]} & {*identified.extended_by} if stated else set[str]()
@@ -405,7 +437,10 @@ def _with_controller(
     state: CampaignState,
     held: ControllerState | None,
 ) -> CampaignState:
-    """Return the state with what the controller holds, and the validation with it."""
+    """Return the state completed by what the controller holds, and the validation with that set."""
+    # The validation after calibration counts if it was made with a form of this identification, and
+    # if the controller still holds what it held then. The exception is a rollback: its validation
+    # stays the reason for it.
     evidence, digest = evaluation.evidence, identified.digest()
     held, loaded = held or evidence.controller, evidence.loaded
     is_rolled_back = loaded is not None and loaded.rolls_back is not None

@@ -1,5 +1,9 @@
 """Options of the steps of a campaign, as the command line and Python give them."""
 
+# Each field is one option of a command: its annotation has the help text, and app/options.py makes
+# the command line of it. So Python and command line have the same options and the same defaults.
+# Contradictions between options are refused when the options are made, before anything is read.
+
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -30,12 +34,15 @@ Retry = Annotated[
         most=1000,
     ),
 ]
-"""None: as campaign.yaml says."""
+"""Reconnections in a row after lost links and drive faults; None: as campaign.yaml says."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanOptions:
-    """Options of a plan; None: as campaign.yaml says. Raises `OptionsInvalid`."""
+    """Options of a plan; None: as campaign.yaml says.
+
+    Raises `OptionsInvalid` for an odd number of shots, and for options that contradict each other.
+    """
 
     shots: Annotated[
         int | None,
@@ -76,7 +83,7 @@ class PlanOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProgramOptions:
-    """Options of programs for a controller that is not connected."""
+    """Options of programs for a controller that is not connected; raises `OptionsInvalid`."""
 
     program: Annotated[
         Literal["csv"] | None,
@@ -154,7 +161,7 @@ class ValidationOptions:
 
     @property
     def tests(self) -> frozenset[ShotSet]:
-        """Sets of the tests that are asked for; without a word those made by default."""
+        """Sets of shots of the requested tests; by default all but the ISO cube."""
         return frozenset(SET_OF[name] for name in self.only or BY_DEFAULT)
 
 

@@ -1,7 +1,7 @@
-"""Names that earlier versions knew and this one refuses, each with what to use instead.
+"""Names that earlier versions had and this one refuses, each with what to use instead.
 
-CHANGELOG lists them under Removed. Only these tables mention them, and for the keys of cell files
-that of sim/scenarios/scenario.py.
+CHANGELOG lists them under Removed. Only these tables mention them; sim/scenarios/scenario.py has
+a table of its own for the keys of cell files.
 """
 
 from collections.abc import Mapping, Sequence
@@ -83,8 +83,10 @@ INSTEAD: Mapping[str, str] = {
     "study --free": "leave it out: all parameters are fitted",
     "--temperature": "leave it out: parameters are those at campaign.yaml's reference temperature",
 }
-"""Remedy by what was typed: `advise` (a command), `plan --where-tracker` (an option of a command),
-`--loss` (an option of any command), `--model rods` (a value), `driver: geocom` (a file's value)."""
+"""Remedies by removed name.
+
+Forms of a name: `advise` (a command), `plan --where-tracker` (an option of a command), `--loss` (an
+option of any command), `--model rods` (a value), `driver: geocom` (a value in a file)."""
 
 KEYS: Mapping[str, tuple[object, str]] = {
     "controller.linuxcnc": (None, _BRIDGE),
@@ -92,12 +94,15 @@ KEYS: Mapping[str, tuple[object, str]] = {
     "certificate.measured_by": ("", "write who measured as people.operator"),
     "certificate.authorised_by": ("", "delete it: sign on the laboratory's own form"),
 }
-"""Removed keys of files by dotted path, such as `tracker.two_faces`, each with its former default
-and a remedy. Older versions wrote the default into each new file: it is read without effect."""
+"""Removed keys of files by dotted path, such as `tracker.two_faces`: former default and remedy.
+
+Older versions wrote the default into each new file: there it is read without effect."""
 
 
 def removed_in_command(arguments: Sequence[str]) -> tuple[str, str] | None:
     """Find the first removed name in a command line; return it with its remedy."""
+    # All forms that a name may have are built from the words, the narrowest first, and looked up:
+    # the command, the command with each word, each option, each option with the word after it.
     words = [word for argument in arguments for word in argument.split("=", 1)]
     command = next((word for word in words if not word.startswith("-")), "")
     candidates = [command, *(f"{command} {word}" for word in words)]

@@ -1,4 +1,4 @@
-"""The one place that holds the version of the software, and of which commit it is."""
+"""Version of the software, and the commit that it was built from."""
 
 import subprocess
 from contextlib import suppress
@@ -6,12 +6,13 @@ from pathlib import Path
 
 VERSION = "0.1.0"
 COMMIT_FILE = "commit.txt"
-"""Written beside this file when a wheel or an sdist is built."""
+"""Name of a file that is written beside this one when a wheel or an sdist is built."""
 WITHIN_S = 5.0
 
 
 def commit(package: Path = Path(__file__).parent) -> str:
-    """Return the short name of the commit that this is of; empty if unknown."""
+    """Return the short name of the commit of this software; "" if unknown."""
+    # an installed package has the file; a checkout has none, and git answers
     built, checkout = package / COMMIT_FILE, package.parent
     if built.is_file():
         return built.read_text(encoding="utf-8").strip()

@@ -30,6 +30,7 @@ from campaigns.shots.point_files import (
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, in_unit, read_shots
 from campaigns.workflow.importing import (
+    ImportTerms,
     declared_set,
     import_shots,
     import_validation,
@@ -185,14 +186,14 @@ def command(
     with terminal.telling(f"reading {file}") as now_at:
         files = tuple(ImportedFile.of(path) for path in (file, joints) if path is not None)
         now_at("comparing the shots with the robot and the journal")
-        name, tell = str(file), terminal.note
+        terms = ImportTerms(
+            name=str(file), files=files, unit=read_in, tell=terminal.note, anyway=force
+        )
         if stage is None:
-            series = import_shots(campaign, rows, name, files, read_in, tell=tell, anyway=force)
+            series = import_shots(campaign, rows, terms)
         else:
             held = declared_set(campaign, stage, robot)
-            done = import_validation(
-                campaign, rows, stage, held, name, files, read_in, tell=tell, anyway=force
-            )
+            done = import_validation(campaign, rows, stage, held, terms)
     if stage is not None:
         terminal.say(f"imported: {len(rows)} shots as '{stage}'")
         show_validation(terminal, done, campaign)

@@ -131,7 +131,7 @@ def show_preview(
         answer |= {
             "series": preview.series,
             "measured": preview.measured,
-            "left": preview.left,
+            "left": preview.pending,
             "skipped": preview.skipped,
             "seconds_left_estimated": preview.seconds,
         }

@@ -1,4 +1,18 @@
-"""Steps of a campaign for Python: each does what the command of its name does."""
+"""Steps of a campaign, for Python: each does the work of the command of its name.
+
+Example of a whole campaign on a connected cell (docs/reference/python.md has it to run):
+
+    workflow.plan(campaign)
+    with connected_cell(campaign) as cell:
+        prepare(campaign, cell)
+        workflow.validate(campaign, cell, ValidationOptions(stage="before"))
+        workflow.run(campaign, cell)
+    workflow.identify(campaign)
+    workflow.export(campaign)
+    with connected_cell(campaign) as cell:
+        workflow.load(campaign, nullcontext(cell))
+        workflow.validate(campaign, cell, ValidationOptions(stage="after"))
+"""
 
 from campaigns.workflow.exporting import export, export_hal, export_shots
 from campaigns.workflow.identification import identify

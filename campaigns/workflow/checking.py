@@ -1,5 +1,13 @@
 """Check of a calibration by a few shots, and update of the parameters by them."""
 
+# A check asks whether the robot is still the one that was identified. It measures some of the
+# plan's identification shots again, spread evenly over the plan, and compares them with what the
+# stored posterior predicts (campaigns/identification/checking.py). Shots are commanded by joints:
+# the answer then does not depend on the parameters in the controller.
+# An update takes the stored posterior as the prior of a fit to the check's shots, so that eight
+# shots improve what a hundred determined. It is recorded as an identification of its own, whose
+# pedigree names the set that it continues and the series that it used.
+
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -22,18 +30,19 @@ from campaigns.workflow.identification import identification_options
 from campaigns.workflow.work import engine_work
 
 CHECK_SHOTS = 8
-"""Shots of a check, spread evenly over those of the plan, unless others are asked for."""
+"""Number of shots of a check, unless another number is requested."""
 
 
 def check_work(campaign: Campaign, options: CheckOptions) -> Work:
-    """Return shots spread over the plan as work for the engine, commanded by joints.
+    """Return the work of a check: shots spread evenly over the plan, commanded by joints.
 
-    Raise `ShotsMissing` and `VerdictBad` without an identification that passed, and `PlanInvalid`.
+    Raise `ShotsMissing` or `VerdictBad` without an identification that passed, and `PlanInvalid`.
     """
     with campaign.journal_reader() as journal:
-        identification, _ = _stored(campaign, journal)
+        identification, _ = _passed_identification(campaign, journal)
     fitted = [s for s in campaign.read_plan() if s.purpose is ShotSet.IDENTIFICATION]
     count = min(options.shots or CHECK_SHOTS, len(fitted))
+    # a short plan may give the same place twice: each counts once
     places = np.unique(np.linspace(0, len(fitted) - 1, count).astype(int)).tolist()
     planned = [
         replace(fitted[place], shot=number, purpose=ShotSet.CHECK, pair=None)
@@ -46,8 +55,11 @@ def check_work(campaign: Campaign, options: CheckOptions) -> Work:
 
 
 def record_check(campaign: Campaign, journal: Journal, series: int) -> RecordedCheck:
-    """Judge a check that was measured, and write the finding into the journal."""
-    identification, posterior = _stored(campaign, journal)
+    """Judge the shots of a check's series, and write the finding into the journal.
+
+    Raise `ShotsMissing` or `VerdictBad` without an identification that passed.
+    """
+    identification, posterior = _passed_identification(campaign, journal)
     shots = _shots(campaign, journal, series)
     judged = check(campaign.robot.kinematics, shots, posterior, identification_options(campaign))
     of = _digest(campaign, identification)
@@ -59,13 +71,15 @@ def record_check(campaign: Campaign, journal: Journal, series: int) -> RecordedC
 def update_by_check(campaign: Campaign) -> RecordedIdentification:
     """Update the latest identification by the shots of the latest check, and record the new set.
 
-    Raise `ShotsMissing` without a check of that set, `VerdictBad` without a set that passed.
+    Raise `ShotsMissing` without a check of the latest identification, and `VerdictBad` if the
+    identification did not pass.
     """
     with campaign.journal() as journal:
-        identification, posterior = _stored(campaign, journal)
+        identification, posterior = _passed_identification(campaign, journal)
         digest = _digest(campaign, identification)
         checks = journal.findings("check")
         checked = read_check(checks[-1].record.body) if checks else None
+        # a check of an older set says nothing about the posterior that is to be updated
         if checked is None or checked.of != digest:
             raise ShotsMissing(
                 "--update: the latest parameters were not checked yet",
@@ -97,12 +111,13 @@ def update_by_check(campaign: Campaign) -> RecordedIdentification:
     return recorded
 
 
-def _stored(
+def _passed_identification(
     campaign: Campaign, journal: JournalReader
 ) -> tuple[RecordedIdentification, StoredPosterior]:
     """Return the latest identification and its posterior.
 
-    Raise `ShotsMissing` without one, `VerdictBad` for one that did not pass or has no posterior.
+    Raise `ShotsMissing` without an identification, and `VerdictBad` if it did not pass or has no
+    posterior, as the paper's method has none.
     """
     identification = latest_identification(journal)
     require_usable(campaign.nominal, identification)

@@ -1,4 +1,8 @@
-"""Correction of targets by a campaign: for controllers that take no parameters."""
+"""Correction of targets with a campaign's parameters, for controllers that take no parameters."""
+
+# The mathematics is in controllers/corrected_targets.py. Here its parts are collected: the set to
+# correct with (a file, by default that of `export`, or else the journal's latest identification),
+# the covariance for the column of σ, and the shots that fix the frame to which σ refers.
 
 from pathlib import Path
 
@@ -18,11 +22,13 @@ from drivers.bounded_files import CSV_BYTES
 
 
 def _target_correction(campaign: Campaign, robot: RobotFile) -> TargetCorrection:
-    """Return the correction from the identified set to the nominal one.
+    """Return the correction from an identified robot to the campaign's nominal one.
 
-    σ are known where the set is that of an identification in the journal. Raises `ShotsMissing`
+    It has a covariance only if the set is an identification in the journal. Raise `ShotsMissing`
     without measured shots.
     """
+    # A file may hold a form of an identification, or an older one. σ of the latest identification
+    # would be those of another set, so without a match by digest none is given.
     identification = known_sets(campaign).identified.get(robot.digest())
     with campaign.journal_reader() as journal:
         series = (
@@ -43,9 +49,10 @@ def _target_correction(campaign: Campaign, robot: RobotFile) -> TargetCorrection
 
 
 def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
-    """Return the identified robot of a file, by default the exported one, or of the journal.
+    """Return the identified robot of a file; by default the exported one, or else the journal's.
 
-    Raises `ConfigInvalid`, and `VerdictBad` for an identification that did not pass.
+    Raise `ConfigInvalid` for a file that is not of this campaign, `ShotsMissing` without an
+    identification, and `VerdictBad` for one that did not pass.
     """
     if path is None and not campaign.path(FILE_NAME).exists():
         return identified_robot(campaign).robot
@@ -64,9 +71,10 @@ def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
 def correct_file(
     campaign: Campaign, source: Path, to: Path, identified: Path | None = None, *, overwrite: bool
 ) -> CorrectedFile:
-    """Write a CSV file of wanted and commanded poses, by a robot file, by default export's.
+    """Correct the poses of the CSV file `source`, and write wanted and commanded poses to `to`.
 
-    Raises `TargetsInvalid`, `OutputExists` or `WriteFailed`.
+    `identified` is the robot file to correct with, as in `identified_set`. Raise `TargetsInvalid`
+    for a wrong row, `OutputExists` or `WriteFailed`, and as `identified_set` does.
     """
     text = read_text(source, TargetsInvalid, if_missing="name a CSV file", most_bytes=CSV_BYTES)
     robot = identified_set(campaign, identified)

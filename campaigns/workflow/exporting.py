@@ -1,5 +1,11 @@
 """Export of a campaign: identified parameters and measured shots as files."""
 
+# Each export of parameters follows one order: take the identification, refuse it unless it passed
+# and still fits the nominal robot and the settings, build the file's text, and only then write it
+# within `recorded`, which notes in the journal what was written. The forms differ in the
+# parameters: all (`export`), all as LinuxCNC's pins (`export_hal`), or the nearest plain set
+# (`export_plain`), whose loss is stated in the file, in the journal and on the screen.
+
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -38,7 +44,8 @@ SHOTS_FILE = "shots.csv"
 def identified_robot(campaign: Campaign) -> RobotDocument:
     """Return the nominal robot with the parameters of the latest identification.
 
-    Raises `ShotsMissing` without one, and `VerdictBad` for one that did not pass.
+    Raise `ShotsMissing` without an identification, and `VerdictBad` if it did not pass, or if the
+    settings or the nominal robot have changed since.
     """
     with campaign.journal_reader() as journal:
         identification = latest_identification(journal)
@@ -58,7 +65,21 @@ def export(
 ) -> tuple[Path, RobotFile]:
     """Write the latest identification as a robot file.
 
-    Raises `ConfigInvalid`, `VerdictBad`, `OutputExists` or `WriteFailed`.
+    Args:
+        campaign: The campaign, identified with the verdict pass.
+        to: The file; by default `robot-compensated.yaml` in the campaign's folder.
+        overwrite: Whether a file of that name is replaced.
+
+    Returns:
+        The file's path, and the robot as written: parameters, 1 σ and provenance.
+
+    Raises:
+        ShotsMissing: Nothing has been identified yet.
+        VerdictBad: The identification did not pass, or robot or settings changed since.
+        OutputExists, WriteFailed: The file is there, or cannot be written.
+
+    Example:
+        >>> path, robot = workflow.export(open_campaign("cell-7"), overwrite=True)
     """
     path = to or campaign.path(FILE_NAME)
     identified = identified_robot(campaign)
@@ -70,23 +91,24 @@ def export(
 
 @dataclass(frozen=True, slots=True)
 class PlainExport:
-    """Written file, and errors of position over the workspace, mm."""
+    """Written plain set, and its errors of position over the workspace beside two others."""
 
     path: Path
     form: ReducedForm
-    """With what the plain parameters lose."""
+    """Position errors of the plain parameters, mm."""
     nominal: ReducedForm
-    """With what the nominal ones lose."""
+    """Position errors of the nominal parameters, mm, to compare with."""
     std: PositionStd | None
-    """1 σ of positions with all identified parameters; None: it is not known."""
+    """1 σ of positions with all identified parameters, mm; None if unknown."""
 
 
 def export_plain(
     campaign: Campaign, to: Path | None = None, *, overwrite: bool = False
 ) -> PlainExport:
-    """Write the nearest parameters of those that every controller knows as a robot file.
+    """Write the nearest plain parameters, which every controller has, as a robot file.
 
-    Raises `VerdictBad`, `IdentificationRefused`, `OutputExists` or `WriteFailed`.
+    Raise `ShotsMissing` or `VerdictBad` without an identification that passed,
+    `IdentificationRefused` if there are no nearest parameters, `OutputExists` or `WriteFailed`.
     """
     robot = identified_robot(campaign).robot
     plain, form = plain_form(campaign, robot)
@@ -106,16 +128,18 @@ def export_plain(
 
 
 def plain_form(campaign: Campaign, robot: RobotFile) -> tuple[Kinematics, ReducedForm]:
-    """Return the nearest plain parameters to a robot's, and their loss over the workspace.
+    """Return the model of the nearest plain parameters, and their loss over the workspace.
 
-    The only place that says what is lost. Raises `IdentificationRefused`.
+    Raise `IdentificationRefused` if the robot can take hardly any pose.
     """
+    # export and load both call this function, so that both state the same loss
     poses = _workspace(campaign)
     plain = project_plain(robot.kinematics, poses)
     return plain, _form(plain, robot, poses)
 
 
 def _form(controller: Kinematics, robot: RobotFile, poses: Array) -> ReducedForm:
+    """Return a controller's model as a form of a robot's set, with its errors at poses (N, t)."""
     sizes_mm = position_errors(controller, robot.kinematics, poses)
     return ReducedForm(
         of=robot.digest(),
@@ -127,7 +151,10 @@ def _form(controller: Kinematics, robot: RobotFile, poses: Array) -> ReducedForm
 
 
 def _workspace(campaign: Campaign) -> Array:
-    """Return poses (N, t) all over the workspace: those at which every step judges positions."""
+    """Return poses (N, t) all over the workspace, at which every step judges positions.
+
+    Raise `IdentificationRefused` if there are hardly any.
+    """
     poses = campaign.workspace_sample()
     if poses is None:
         raise IdentificationRefused(
@@ -145,12 +172,14 @@ def recorded(
     by: CalibrationRoute = "parameters",
     form: ReducedForm | None = None,
 ) -> Iterator[None]:
-    """Hold the journal while the block writes a file for a controller, and then record it.
+    """Hold the journal while the block writes a file for a controller, and then record the file.
 
-    Of corrected targets, of which there are many, only the first with a set is recorded.
+    A block that raises leaves no record. Corrected targets are recorded once for each set.
     """
     with campaign.journal_reader() as reader:
         last = next(written_sets(reader), None)
+    # One program after another is corrected with the same set: the record of the first one says
+    # everything that later commands ask, and the journal need not be locked for the others.
     if by == "targets" and last is not None and (last.digest, last.by) == (parameters.digest(), by):
         yield
         return
@@ -163,9 +192,22 @@ def recorded(
 
 
 def export_hal(campaign: Campaign, to: Path | None = None, *, overwrite: bool = False) -> Path:
-    """Write the latest identification for LinuxCNC's kinematics; raises as `export` does."""
+    """Write the latest identification as a HAL file for LinuxCNC's kinematics module pkmkins.
+
+    Args:
+        campaign: The campaign, identified with the verdict pass.
+        to: The file; by default `calib.hal` in the campaign's folder.
+        overwrite: Whether a file of that name is replaced.
+
+    Returns:
+        The file's path.
+
+    Raises:
+        ShotsMissing, VerdictBad, OutputExists, WriteFailed: As of `export`.
+    """
     path = to or campaign.path(linuxcnc_export.FILE_NAME)
-    # a plate tilts as the nominal robot's drawing has it, also where a file says nothing of it
+    # The drawing of the plate is the nominal robot's: identified tilts refer to it, and an
+    # identification lists parameters only. The ripples' rate is the identified set's.
     identified = identified_robot(campaign).robot
     mechanism = campaign.robot.mechanism.with_ripples(identified.mechanism.rate)
     robot = replace(identified, mechanism=mechanism)
@@ -178,9 +220,19 @@ def export_hal(campaign: Campaign, to: Path | None = None, *, overwrite: bool = 
 def export_shots(
     campaign: Campaign, to: Path | None = None, *, overwrite: bool = False
 ) -> tuple[Path, tuple[int, ...]]:
-    """Write the accepted shots of the latest run or import; raises `OutputExists`.
+    """Write the accepted shots of the latest run or import as a CSV file.
 
-    Gives the file, and the shots that were left out.
+    Args:
+        campaign: The campaign.
+        to: The file; by default `shots.csv` in the campaign's folder.
+        overwrite: Whether a file of that name is replaced.
+
+    Returns:
+        The file's path, and the numbers of shots left out because their pair is not whole.
+
+    Raises:
+        ShotsMissing: Nothing has been measured yet.
+        OutputExists, WriteFailed: The file is there, or cannot be written.
     """
     path = to or campaign.path(SHOTS_FILE)
     with campaign.journal_reader() as journal:

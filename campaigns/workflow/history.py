@@ -1,4 +1,4 @@
-"""History of a robot: what the journals of its campaigns hold of parameters, errors and checks."""
+"""History of a robot: parameters, errors and checks from the journals of its campaigns."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -16,39 +16,44 @@ from campaigns.journal.views import Series
 
 @dataclass(frozen=True, slots=True)
 class ParameterError:
-    """Identified minus nominal value of a parameter with its σ, mm or deg, at a time."""
+    """Error of a parameter at a time: identified minus nominal value."""
 
     name: str
     measured_utc: str
+    """Time of the last shot that it was identified from."""
     delta: float
+    """Identified minus nominal value, in `unit`."""
     std: float
+    """1 σ of `delta`, in `unit`."""
     unit: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Epoch:
-    """Identification or check; mean errors of distances are mm, None where none were measured.
-
-    `before` and `after` are of the robot as commanded, `unseen_mm` of hold-out pairs by the model.
-    """
+    """Identification or check of a robot, as a row of its history."""
 
     folder: str
     kind: Literal["campaign", "check"]
     measured_utc: str
-    """When its last shot was measured."""
+    """Time of its last shot."""
     decision: Decision
     says: str
+    """Reasons against an identification, or the result of a check, in words."""
     parameters: tuple[ParameterError, ...] = field(default=(), repr=False)
-    """Of an identification that passed."""
+    """Errors of the free parameters; empty unless an identification passed."""
     before_mm: float | None = None
+    """Mean error of distances as commanded before calibration, mm; None: not measured."""
     after_mm: float | None = None
+    """Mean error of distances as commanded with these parameters, mm; None: not measured."""
     unseen_mm: float | None = None
+    """Mean error of distances of hold-out pairs by the model, mm; None: there were none."""
 
 
 def history(campaigns: Sequence[Campaign]) -> tuple[Epoch, ...]:
-    """Collect identifications and checks of one robot's campaigns in the order of time.
+    """Collect the identifications and checks of one robot's campaigns in the order of time.
 
-    Raises `OptionsInvalid` for different robots or a folder named twice, and `ShotsMissing`.
+    Raise `OptionsInvalid` for different robots or a folder that is named twice, and `ShotsMissing`
+    for a campaign without an identification.
     """
     epochs = [epoch for campaign in campaigns for epoch in _epochs(campaign)]
     _require_one_robot(campaigns)
@@ -56,11 +61,12 @@ def history(campaigns: Sequence[Campaign]) -> tuple[Epoch, ...]:
 
 
 def _epochs(campaign: Campaign) -> Iterator[Epoch]:
-    """Read a campaign's latest identification of each series, and its checks."""
+    """Yield a campaign's latest identification of each series, and its checks."""
     with campaign.journal_reader() as journal:
         series = {each.number: each for each in journal.series()}
         results = [read_identification(e.record.body) for e in journal.findings("identification")]
         checks = [read_check(entry.record.body) for entry in journal.findings("check")]
+    # a series that was identified several times is one state of the robot: its last result counts
     identifications = {result.series: result for result in results}
     if not identifications:
         raise ShotsMissing(
@@ -86,8 +92,12 @@ def _epoch_of(
     series: Series | None,
     evaluation: Evaluation,
 ) -> Epoch:
-    """Return the epoch of an identification; `after` only if the controller held its values."""
-    space, good = campaign.robot.mechanism.parameters, identification.verdict == "pass"
+    """Return the epoch of an identification.
+
+    `after_mm` is given only if the controller held this identification's values: a campaign has
+    one validation after calibration, but may have several identifications.
+    """
+    space, has_passed = campaign.robot.mechanism.parameters, identification.verdict == "pass"
     measured_utc = _measured_utc(series, identification.at_utc)
     before, after = (
         stage.distances.mean.value_mm if stage and stage.distances else None
@@ -101,11 +111,11 @@ def _epoch_of(
         kind="campaign",
         measured_utc=measured_utc,
         decision=identification.verdict,
-        says="" if good else "; ".join(identification.reasons),
+        says="" if has_passed else "; ".join(identification.reasons),
         parameters=tuple(
             ParameterError(name, measured_utc, parameter.delta, parameter.std, space[name].unit)
             for name, parameter in identification.parameters.items()
-            if good and parameter.free and parameter.std is not None
+            if has_passed and parameter.free and parameter.std is not None
         ),
         before_mm=before,
         after_mm=after if is_held else None,
@@ -114,27 +124,34 @@ def _epoch_of(
 
 
 def _measured_utc(series: Series | None, at_utc: str) -> str:
-    """Return when the last shot was measured, or, if the journal lacks it, judged."""
+    """Return the time of a series' last shot; `at_utc`, when it was judged, if it has no shots."""
     return max((each.measured_utc for each in series.shots), default=at_utc) if series else at_utc
 
 
 def _require_one_robot(campaigns: Sequence[Campaign]) -> None:
-    """Raise `OptionsInvalid` unless mechanism and serial number are the same, as far as known."""
+    """Raise `OptionsInvalid` if mechanism or serial number differ between two campaigns.
+
+    A serial number that one of them lacks is not compared.
+    """
     first, *others = campaigns
     if len({each.folder.resolve() for each in campaigns}) < len(campaigns):
         raise OptionsInvalid("DIR is named twice", remedy="name each campaign once")
     for other in others:
-        for what, ours, theirs in _identities(first, other):
+        for quantity, ours, theirs in _identities(first, other):
             if ours and theirs and ours != theirs:
                 raise OptionsInvalid(
-                    f"{other.folder} is of another robot than {first.folder}: {what} '{theirs}', "
-                    f"not '{ours}'",
+                    f"{other.folder} is of another robot than {first.folder}: {quantity} "
+                    f"'{theirs}', not '{ours}'",
                     remedy="name campaigns of one robot",
                 )
 
 
 def _identities(first: Campaign, other: Campaign) -> Iterator[tuple[str, str, str]]:
-    """Return what must be the same; a robot's serial number outranks its controller's."""
+    """Yield the identifying quantities of two campaigns: name, first value, other value.
+
+    The controller's serial number counts only where the robot's own is missing: a controller may
+    be exchanged.
+    """
     yield "mechanism", first.robot.mechanism.name, other.robot.mechanism.name
     ours, theirs = (each.config.instruments.robot_serial for each in (first, other))
     yield "serial number", ours, theirs
@@ -143,6 +160,7 @@ def _identities(first: Campaign, other: Campaign) -> Iterator[tuple[str, str, st
 
 
 def _controller(campaign: Campaign) -> str:
+    """Return the serial number of the controller that answered last; "" if none did."""
     with campaign.journal_reader() as journal:
         robots = [each.started.robot for each in journal.series() if each.started.robot]
     return robots[-1].serial if robots else ""

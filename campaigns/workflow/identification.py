@@ -1,5 +1,20 @@
 """Identification of a campaign from its latest run or import."""
 
+# Theory of operation
+#
+# This module joins three parts that know nothing of each other: the campaign's folder, the journal
+# and the mathematics (campaigns/identification).
+#
+# 1. Check the names in the options against the robot's parameters. A misspelt name costs nothing
+#    yet; after the fit it would cost a minute.
+# 2. Open the journal for writing, which locks the campaign. The fit must rest on the records whose
+#    digest its result states, so no shot may be added while it runs.
+# 3. Collect the accepted shots: the latest finished run or import, plus shots at bars of known
+#    length from an import of their own; then temperatures of parts, then the options' selection.
+# 4. Fit. 5. Write the result as a finding with everything that it rests on: digests of robot, plan
+#    and journal, the settings, the options as typed. `status`, `export` and the report compare
+#    these with the present state, and so notice a result that is out of date.
+
 import time
 from dataclasses import replace
 
@@ -19,12 +34,26 @@ def identify(
 ) -> RecordedIdentification:
     """Identify from the latest run or import, and write the result into the journal.
 
-    Raise `OptionsInvalid`, `ShotsMissing` and `ShotsInvalid`.
+    Args:
+        campaign: The campaign, with a finished run or import.
+        options: Options of `pkmcal identify`; by default the usual ones.
+
+    Returns:
+        The result as the journal keeps it: parameters with 1 σ, residuals, findings, verdict.
+
+    Raises:
+        OptionsInvalid: Options name unknown parameters, or contradict each other.
+        ShotsMissing: Nothing has been measured, or too little for the options.
+        ShotsInvalid: The shots cannot be this robot's.
+
+    Example:
+        >>> workflow.identify(open_campaign("cell-7"), IdentificationOptions(hold_out=0.2)).verdict
+        'pass'
     """
     options = options or IdentificationOptions()
     robot = campaign.robot
     table = robot.mechanism.parameters
-    named_priors(options.prior, table)  # unknown names are refused before anything is read
+    named_priors(options.prior, table)  # raises for an unknown name; the result is not needed here
     for pattern in (*options.free, *options.fix):
         matching(pattern, table)
     how = identification_options(campaign, options)
@@ -32,6 +61,7 @@ def identify(
     with campaign.journal() as journal:
         series = campaign.measured_series(journal)
         measured = journal.shots(series.number)
+        # a run that measured the bars itself needs no shots at bars from elsewhere
         if not any(shot.intent.purpose == ShotSet.KNOWN_LENGTH.value for shot in measured):
             measured = (*measured, *campaign.known_length_shots(journal))
         shots = shots_of_journal(measured, robot.mechanism)
@@ -57,7 +87,10 @@ def identify(
 def identification_options(
     campaign: Campaign, options: IdentificationOptions | None = None
 ) -> IdentificationOptions:
-    """Return options, by default the usual ones, with a campaign's robot, tracker and limits."""
+    """Return options completed by a campaign's tolerances, tracker, limits and workspace.
+
+    `options` None: the usual ones.
+    """
     return replace(
         options or IdentificationOptions(),
         instrument=campaign.instrument,

@@ -1,7 +1,20 @@
 """Import of shots measured with other software: to identify from, or as a validation."""
 
+# A file proves less than a measurement of our own, so an import asks what a run knows by itself:
+#
+# 1. Would the shots take the place of others? Only with consent (`anyway`).
+# 2. Are they this robot's? Units, signs, order of joints, a mirrored frame, copies of shots that
+#    the journal has. No consent helps here: the data would be wrong.
+# 3. In which order were they measured? By their times, or else as the rows stand. Order matters for
+#    drift, and for backlash, which depends on the way by which a joint arrived.
+# 4. For a validation: which set did the controller hold? It cannot be read, so it is declared
+#    (`declared_set`), and the report says so. The commanded pose, which no file has, is taken to be
+#    the pose that the declared set has at the joints as read.
+#
+# Only then are the shots appended to the journal, as a finished series in one commit.
+
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,41 +43,64 @@ from drivers.bounded_files import is_there
 from drivers.values import Vector3
 
 
-def import_shots(
-    campaign: Campaign,
-    rows: Sequence[ShotRow],
-    name: str = "shots",
-    files: Sequence[ImportedFile] = (),
-    unit: LengthUnit = "mm",
-    *,
-    tell: Callable[[str], None] = lambda _: None,
-    anyway: bool = False,
-) -> int:
-    """Write shots of files into the journal as a series to identify from; gives its number.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImportTerms:
+    """Terms of an import: where its rows come from, and what is overruled.
 
-    `unit` is that of the file; `tell` reports the order of the shots. Raises `ShotsInvalid`, naming
-    file and cause, for shots that cannot be this robot's, and for copies, unless it is
-    `anyway` another import that this one takes the place of.
+    Attributes:
+        name: Name of the source, for messages.
+        files: Files that the journal names with the series.
+        unit: Unit of lengths in the file, for messages; the rows themselves are in mm.
+        `tell`: Receives sentences on the order of the shots.
+        anyway: Whether to import although the shots take the place of others, or the declared
+            set is wrong for the stage.
     """
+
+    name: str = "shots"
+    files: Sequence[ImportedFile] = ()
+    unit: LengthUnit = "mm"
+    tell: Callable[[str], None] = lambda _: None
+    anyway: bool = False
+
+
+def import_shots(
+    campaign: Campaign, rows: Sequence[ShotRow], terms: ImportTerms | None = None
+) -> int:
+    """Write shots of files into the journal as a series to identify from.
+
+    Args:
+        campaign: The campaign.
+        rows: The shots, as rows of a shots.csv.
+        terms: Where the rows come from, and what is overruled.
+
+    Returns:
+        The number of the series.
+
+    Raises:
+        OptionsInvalid: The shots would take the place of a run or import.
+        ShotsInvalid: The shots cannot be this robot's, or are copies; the message names file and
+            cause.
+    """
+    terms = terms or ImportTerms()
     robot, settings = campaign.robot, campaign.config.model_dump(mode="json")
-    if not anyway and (again := replaced_import(campaign, rows, name)):
-        raise again
-    _check(campaign, rows, name, unit, {"import"} if anyway else set())
-    order = _order(rows, name, tell)
+    if not terms.anyway and (objection := replaced_import(campaign, rows, terms.name)):
+        raise objection
+    _check(campaign, rows, terms, {"import"} if terms.anyway else set())
+    order = _order(rows, terms)
     with campaign.journal() as journal:
         return append_import(
-            journal, rows, robot.kinematics, robot.digest(), settings, files, order=order
+            journal, rows, robot.kinematics, robot.digest(), settings, terms.files, order=order
         )
 
 
 def declared_set(
     campaign: Campaign, stage: ValidationStage, path: Path | None = None
 ) -> WrittenSet:
-    """Set that somebody says a controller held; nothing is read from it.
+    """Return the set that a controller is declared to have held; nothing is read from it.
 
-    Of a robot file, or of whatever `export` or `correct` wrote. By default the nominal one before
-    calibration, and after it what they wrote last. Raises `OptionsInvalid` where there is none,
-    `ConfigInvalid` for a file that holds no set.
+    `path` is a robot file, or a file that `export` or `correct` wrote. By default it is the nominal
+    set before calibration, and after it the set that they wrote last. Raise `OptionsInvalid` if
+    they wrote none, and `ConfigInvalid` for a file without a parameter set.
     """
     nominal = campaign.robot
     if path is None and stage == "before":
@@ -74,6 +110,7 @@ def declared_set(
         with campaign.journal_reader() as journal:
             written = tuple(written_sets(journal))
     if path is not None:
+        # a copy of an exported file, under whatever name, is the exported set
         sha256 = ImportedFile.of(path).sha256
         parameters = next((each for each in written if each.sha256 == sha256), None)
     else:
@@ -97,19 +134,26 @@ def import_validation(
     rows: Sequence[ShotRow],
     stage: ValidationStage,
     held: WrittenSet,
-    name: str = "shots",
-    files: Sequence[ImportedFile] = (),
-    unit: LengthUnit = "mm",
-    *,
-    tell: Callable[[str], None] = lambda _: None,
-    anyway: bool = False,
+    terms: ImportTerms | None = None,
 ) -> validation.Validated:
-    """Write shots into the journal as a validation, and judge it as one that was measured.
+    """Write shots into the journal as a validation, and judge it as a measured one.
 
-    Commanded is taken to be the pose that the declared set has at the joints as read; with
-    corrected targets that is the wanted one. Raises `ShotsInvalid`, and `OptionsInvalid` for the
-    wrong stage unless `anyway`.
+    Args:
+        campaign: The campaign.
+        rows: The shots, each of the set of a test.
+        stage: Before or after calibration.
+        held: The set that the controller held, from `declared_set`.
+        terms: Where the rows come from, and what is overruled.
+
+    Returns:
+        The figures of the tests, and the verdicts on the stage and on the campaign.
+
+    Raises:
+        ShotsInvalid: The shots cannot be this robot's, are copies, or are of no test.
+        OptionsInvalid: The set is wrong for the stage, or its tests were measured already.
     """
+    terms = terms or ImportTerms()
+    name, anyway = terms.name, terms.anyway
     robot, settings = campaign.robot, campaign.config.model_dump(mode="json")
     tests = set(SET_OF.values())
     for place, row in enumerate(rows, start=1):
@@ -121,21 +165,25 @@ def import_validation(
             )
     by_targets = held.by == "targets" and stage == "after"
     state = known_sets(campaign).state(held.digest)
+    # with corrected targets a controller holds the nominal set: `held` names the correcting one
     wrong = None if by_targets else validation.wrong_state(campaign, state, stage)
     if wrong is not None:
         remedy = "say what it held by --robot FILE; --force takes them in as they are"
         wrong = OptionsInvalid(wrong.problem, remedy=remedy)
-    again = validation.replaced(campaign, stage, frozenset(row.purpose for row in rows))
-    if again is not None:
+    replaced = validation.replaced(campaign, stage, frozenset(row.purpose for row in rows))
+    if replaced is not None:
         remedy = "keep them and go on; --force takes these in their place"
-        again = OptionsInvalid(again.problem, remedy=remedy)
+        replaced = OptionsInvalid(replaced.problem, remedy=remedy)
+    objections = (replaced, wrong)
+    # objections first, as the shots take long to check; recorded only once the shots are good
     if not anyway:
-        validation.require_or_record(campaign, (again, wrong), anyway=False)
-    _check(campaign, rows, name, unit, STAGES[stage] if anyway else set())
-    validation.require_or_record(campaign, (again, wrong), anyway=anyway)
-    kinematics, order = Kinematics.of(robot.mechanism, held.wanted), _order(rows, name, tell)
+        validation.require_or_record(campaign, objections, anyway=False)
+    _check(campaign, rows, terms, STAGES[stage] if anyway else set())
+    validation.require_or_record(campaign, objections, anyway=anyway)
+    kinematics, order = Kinematics.of(robot.mechanism, held.wanted), _order(rows, terms)
     with campaign.journal() as journal:
-        if held.projection is not None and state.form is None:  # of a file of older software
+        # a form from a file that older software exported: its loss is not in the journal yet
+        if held.projection is not None and state.form is None:
             journal.append(Finding("export", asdict(held)))
         series = append_import(
             journal,
@@ -143,7 +191,7 @@ def import_validation(
             kinematics,
             held.digest,
             settings,
-            files,
+            terms.files,
             stage="after by targets" if by_targets else stage,
             declared=held.file,
             order=order,
@@ -154,7 +202,10 @@ def import_validation(
 def replaced_import(
     campaign: Campaign, rows: Sequence[ShotRow], name: str
 ) -> OptionsInvalid | None:
-    """Return the objection to shots that would count in the place of others."""
+    """Return the objection to shots that would take the place of others; None if there are none.
+
+    `name` is the source's, for the message.
+    """
     earlier = [series for series in _measured(campaign) if series.to_identify]
     if not earlier or not any(row.purpose.on_robot for row in rows):
         return None
@@ -174,8 +225,9 @@ def _measured(campaign: Campaign) -> tuple[Series, ...]:
         return journal.series()
 
 
-def _order(rows: Sequence[ShotRow], name: str, tell: Callable[[str], None]) -> Index | None:
-    """Return the order of time of the rows, (N,); None, and say why, if it is the file's."""
+def _order(rows: Sequence[ShotRow], terms: ImportTerms) -> Index | None:
+    """Return the rows' order of time, (N,), or None if it is that of the file; report which."""
+    name, tell = terms.name, terms.tell
     order, lacking = time_order([row.time or "" for row in rows])
     if order is None:
         tell(f"{name}: {lacking}: the order of rows is taken as the order of time")
@@ -183,7 +235,8 @@ def _order(rows: Sequence[ShotRow], name: str, tell: Callable[[str], None]) -> I
         first, second = order[late[0] : late[0] + 2].tolist()
         tell(f"{name}: sorted by time: shot {first} was measured before shot {second}")
     sessions = np.array([row.session for row in rows])
-    if np.ptp(sessions):  # one after the other
+    if np.ptp(sessions):
+        # stations of the tracker one after the other; a stable sort keeps the order within each
         order = np.arange(len(rows)) if order is None else order
         order = order[np.argsort(sessions[order], kind="stable")]
         stations = len(np.unique(sessions))
@@ -192,17 +245,15 @@ def _order(rows: Sequence[ShotRow], name: str, tell: Callable[[str], None]) -> I
 
 
 def _check(
-    campaign: Campaign,
-    rows: Sequence[ShotRow],
-    name: str,
-    unit: LengthUnit,
-    replacing: Collection[Stage],
+    campaign: Campaign, rows: Sequence[ShotRow], terms: ImportTerms, replacing: Collection[Stage]
 ) -> None:
-    """Raise `ShotsInvalid`, naming file and cause, for shots that cannot be this robot's.
+    """Raise `ShotsInvalid`, naming file and cause, for copies and for shots of another robot.
 
-    Copies too, of each other and of what the journal has, but for imports that broke off, and those
-    of the stages whose place these take.
+    `replacing` are stages whose imports the shots take the place of.
     """
+    # A shot that counts twice would prove itself. Shots that no longer count may come again: those
+    # of imports that broke off, and those that this import replaces.
+    name = terms.name
     counting = (
         series
         for series in _measured(campaign)
@@ -214,11 +265,13 @@ def _check(
     shots = shots_of_rows(rows, nominal)
     shots = shots.rows(np.flatnonzero([bool(row.joints) and row.purpose.on_robot for row in rows]))
     numbers = np.unique(shots.session).tolist()
+    # The tracker's place distinguishes the arms of a symmetrical robot. It is left out where
+    # campaign.yaml does not state it: with several stations, and while it is the default.
     place_mm: Vector3 | None = campaign.config.tracker.place_mm
     if len(numbers) > 1 or place_mm == TrackerConfig.model_fields["place_mm"].default:
         place_mm = None
     for number in numbers:
         station = shots.rows(np.flatnonzero(shots.session == number))
         where = f"{name}, session {number}" if len(numbers) > 1 else name
-        check_shots(nominal, station, where, place_mm, unit)
+        check_shots(nominal, station, where, place_mm, terms.unit)
         check_distances(nominal, station, campaign.config.gate.distance_mm, where)

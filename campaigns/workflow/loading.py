@@ -1,8 +1,22 @@
-"""Loading of a parameter file into the controller, and walking back: a transaction each time."""
+"""Loading of a parameter file into the controller, and rolling back: a transaction each time."""
+
+# Steps of a load (controllers/load.py has the theory of 6):
+#
+# 1. Read the file and raise objections to its origin, verdict and changes. 2. Connect. 3. Read what
+# the controller holds; if an earlier load has no end in the journal, write this end. 4. Raise
+# objections to the controller: another serial number, odd parameters. Stop if it lacks parameters
+# of the set. 5. Show the changes and ask. 6. From here on signals only set a flag: back up, write
+# `load begun`, write the controller, read back, write `load` or `load failed`.
+#
+# With --verify the same pairs are measured before and after 6. Whatever ends the second
+# measurement, the old parameters are put back. There is one exception: a robot that may still be
+# moving (`RobotStateUnknown`) is written nothing, because new parameters would change its motion.
+#
+# A rollback is the same transaction with the backup of the latest effective load as its file.
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -37,47 +51,58 @@ from drivers.ports import RobotController
 from drivers.values import Identity
 
 STOPPED = (errors.Interrupted, Cancelled, KeyboardInterrupt)
-"""Ways in which the operator's wish to stop ends a measurement."""
+"""Exceptions by which an operator's request to stop ends a measurement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadTerms:
-    """Terms of a load: who is asked and informed, and whether it is one at all.
+    """Terms of a load: who approves and observes it, and whether anything is written.
 
-    `approve` gets which controller and which changes, and raises what keeps them from being
-    made; `tell` gets what should be said; `uninterrupted` holds signals off from the first to the
-    last record.
+    Attributes:
+        approve: Called with the controller's identity and all changes before anything is written;
+            an exception that it raises ends the load.
+        `tell`: Receives sentences about the load.
+        uninterrupted: Context that holds signals off from the backup to the last record.
+        dry: Whether nothing is written, neither into the controller nor into the journal.
+        prepare: Brings the devices into the state that measuring needs; the robot may move.
+        observer: Receives the progress of verification pairs.
+        stop_requested: Returns True when measuring pairs shall end.
+        goes_on: Called after a stop, when the robot stands: whether measuring goes on.
     """
 
     approve: Callable[[Identity, tuple[Change, ...]], object] = lambda *_: None
     tell: Callable[[str], None] = lambda _: None
     uninterrupted: AbstractContextManager[object] = field(default_factory=nullcontext)
     dry: bool = False
-    """Whether nothing is written, neither into the controller nor into the journal."""
     prepare: Callable[[Cell], None] = lambda _: None
-    """Brings the devices into the state that measuring needs; the robot may move."""
     observer: RunObserver = SILENT
     stop_requested: Callable[[], bool] = lambda: False
     goes_on: Callable[[], bool] = lambda: False
-    """Asked when the operator has stopped it, and the robot stands."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """Mean error of the distances of the same pairs before and after writing, mm."""
+    """Mean absolute error of the distances of the same pairs before and after writing."""
 
     pairs: int
+    """Number of pairs."""
     before_mm: float
     after_mm: float
     series: tuple[int, int]
-    """Of the journal, before and after."""
+    """Numbers of the journal's series, before and after."""
 
 
 @dataclass(frozen=True, slots=True)
 class LoadResult:
-    """Result of a load: the file, where the old parameters are kept, and the verification.
+    """Result of a load.
 
-    `kept` is None where nothing was written.
+    Attributes:
+        source: The robot file.
+        outcome: `"loaded"`; `"already"` if the controller held the parameters; `"dry"`.
+        kept: File with the replaced parameters; None if nothing was written.
+        forced: Objections that were overruled by `force`.
+        state: What the controller holds now.
+        verification: Result of the verification pairs; None if none were requested.
     """
 
     source: Path
@@ -85,8 +110,19 @@ class LoadResult:
     kept: Path | None = None
     forced: tuple[str, ...] = ()
     state: ControllerState | None = None
-    """Of the controller now; None where nothing was asked of it."""
     verification: Verification | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Wanted:
+    """Robot file whose parameters shall be in the controller."""
+
+    source: Path
+    robot: RobotFile
+    objections: tuple[errors.ConfigInvalid, ...] = ()
+    """Objections that `force` overrules."""
+    takes_back: int | None = None
+    """Record number of the load that is rolled back; None for a load."""
 
 
 def load(
@@ -95,20 +131,35 @@ def load(
     options: LoadOptions | None = None,
     terms: LoadTerms | None = None,
 ) -> LoadResult:
-    """Load a robot file, the exported one by default, or take the latest effective load back.
+    """Load a robot file into the controller, or take the latest effective load back.
 
-    `connection` is made once the file is known to be one for this campaign. Raises `ConfigInvalid`
-    for a file that should not be loaded, and for parameters that no controller knows, and
-    `ShotsMissing` where no load could be taken back.
+    Args:
+        campaign: The campaign.
+        connection: Opens a controller, or a cell if pairs shall be measured. It is entered only
+            after the file has been checked.
+        options: Options of `pkmcal load`; by default the exported file is loaded.
+        terms: Who approves and observes the load; by default it is made without a question.
 
-    With `verify`, for which the connection is to a cell, so many validation pairs are measured
-    before and after. Raises `VerdictBad` when their mean error became larger; then, and after
-    whatever else kept them from being measured, the old parameters are back.
+    Returns:
+        The outcome, the backup of the old parameters, and the result of verification pairs.
+
+    Raises:
+        ConfigInvalid: The file should not be loaded, or holds parameters that the controller lacks.
+        ShotsMissing: No load is in effect that could be rolled back.
+        DeviceRefused: The controller refused, and holds the old parameters.
+        LoadNotVerified: The controller does not hold what was written; the message says what it
+            holds.
+        VerdictBad: The verification pairs became worse; the old parameters are back.
+        Interrupted: Stopped while pairs were measured; the old parameters are in the controller.
+
+    Example:
+        >>> with connected_cell(campaign) as cell:
+        ...     result = workflow.load(campaign, nullcontext(cell), LoadOptions(verify=8))
     """
     options, terms = options or LoadOptions(), terms or LoadTerms()
     if options.rollback and not campaign.journal_path.exists():
         raise _nothing_to_take_back(campaign)
-    wanted = None if options.rollback else _wanted(campaign, options)
+    wanted = None if options.rollback else _read_wanted(campaign, options)
     with campaign.journal() as journal:
         if wanted is None and load_history(journal) == ((), None):
             raise _nothing_to_take_back(campaign)
@@ -116,7 +167,7 @@ def load(
             cell = devices if isinstance(devices, Cell) else None
             controller = devices.robot if isinstance(devices, Cell) else devices
             loading = _Loading(campaign, journal, controller, options, terms, cell)
-            return loading.roll_back() if wanted is None else loading.load(*wanted)
+            return loading.roll_back() if wanted is None else loading.load(wanted)
 
 
 def _nothing_to_take_back(campaign: Campaign) -> errors.ShotsMissing:
@@ -132,28 +183,19 @@ def _stopped(holds: str) -> errors.Interrupted:
     )
 
 
-def _wanted(
-    campaign: Campaign, options: LoadOptions
-) -> tuple[Path, RobotFile, tuple[errors.ConfigInvalid, ...]]:
-    """Return the file, its robot, and what was overruled of what speaks against it.
-
-    Raises `ConfigInvalid` unless that is overruled.
-    """
+def _read_wanted(campaign: Campaign, options: LoadOptions) -> _Wanted:
+    """Read the file to load, with the objections to it; raise `ConfigInvalid` without force."""
     source = options.file or campaign.path(FILE_NAME)
     robot = load_checks.read_parameter_file(source, campaign.folder, campaign.robot)
     objections = tuple(load_checks.file_objections(robot, campaign.config.name, campaign.robot))
     if not options.force:
         load_checks.refuse(source, objections)
-    return source, robot, objections
+    return _Wanted(source, robot, objections)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Loading:
-    """Loading with a connected controller and an open journal.
-
-    Read, checked, approved, [pairs measured], begun in the journal, written and read back,
-    [pairs measured again], ended in the journal; or taken back and ended as failed.
-    """
+    """Loading with a connected controller and an open journal."""
 
     campaign: Campaign
     journal: Journal
@@ -161,23 +203,21 @@ class _Loading:
     options: LoadOptions
     terms: LoadTerms
     cell: Cell | None = None
-    """Of a controller whose tracker is connected too."""
+    """Cell of the controller if its tracker is connected too, else None."""
 
-    def load(
-        self, source: Path, robot: RobotFile, objections: tuple[errors.ConfigInvalid, ...]
-    ) -> LoadResult:
+    def load(self, wanted: _Wanted) -> LoadResult:
         """Load a file."""
-        held = self._held()
-        expected = (robot.provenance or {}).get("controller_serial")
-        objections += self._checked(source, robot, held, expected)
-        form, limits = form_of(robot.provenance, str(source)), self.campaign.config.acceptance
-        for text in lost_beyond(form, limits):
+        held = self._read_held()
+        expected_serial = (wanted.robot.provenance or {}).get("controller_serial")
+        checked = self._check_controller(wanted, held, expected_serial)
+        form = form_of(wanted.robot.provenance, str(wanted.source))
+        for text in lost_beyond(form, self.campaign.config.acceptance):
             self.terms.tell(f"! {text}: `pkmcal correct` loses nothing")
-        return self._carry_out(source, robot, held, objections)
+        return self._carry_out(checked, held)
 
     def roll_back(self) -> LoadResult:
-        """Put back what the latest effective load replaced."""
-        held = self._held()
+        """Put back the parameters that the latest effective load replaced."""
+        held = self._read_held()
         standing = standing_loads(self.journal, held)
         if not standing:
             raise _nothing_to_take_back(self.campaign)
@@ -185,18 +225,21 @@ class _Loading:
         source = self.campaign.path(latest.kept)
         robot = read_robot(source).robot
         load_checks.require_same_mechanism(source, robot, self.campaign.robot)
-        what = f"what the controller held before the load of {latest.source}"
+        backup = f"what the controller held before the load of {latest.source}"
         if not differing(held, robot.parameters):
-            self.terms.tell(f"{what} ({latest.at_utc}) was put back already by other means")
+            self.terms.tell(f"{backup} ({latest.at_utc}) was put back already by other means")
+            # recorded nevertheless: the next rollback must find the load below this one
             if not self.terms.dry:
                 already_back(self.journal, latest, robot.digest())
             return LoadResult(source, "already", state=self._state(held))
-        self.terms.tell(f"puts back {source.name}: {what} ({latest.at_utc})")
-        objections = self._checked(source, robot, held, latest.controller_serial)
-        return self._carry_out(source, robot, held, objections, takes_back=latest.number)
+        self.terms.tell(f"puts back {source.name}: {backup} ({latest.at_utc})")
+        wanted = _Wanted(source, robot, takes_back=latest.number)
+        # no objections to the file itself: it is the program's own backup
+        checked = self._check_controller(wanted, held, latest.controller_serial)
+        return self._carry_out(checked, held)
 
-    def _held(self) -> dict[str, float]:
-        """Return what the controller holds; say and end a load without an end."""
+    def _read_held(self) -> dict[str, float]:
+        """Read the controller's parameters; write the end of a load that has none."""
         held = dict(self.controller.read_geometry())
         _, unended = load_history(self.journal)
         if unended is not None:
@@ -205,104 +248,114 @@ class _Loading:
                 unended.settle(self.journal, held, FOUND_AGAIN)
         return held
 
-    def _checked(
-        self, source: Path, robot: RobotFile, held: Mapping[str, float], expected_serial: object
-    ) -> tuple[errors.ConfigInvalid, ...]:
-        """Return objections by the controller's serial number and parameters, overruled by force.
+    def _check_controller(
+        self, wanted: _Wanted, held: Mapping[str, float], expected_serial: object
+    ) -> _Wanted:
+        """Add the objections to the controller's serial number and its present parameters.
 
-        Raises `ConfigInvalid` without force, and for parameters that its kinematics lacks.
+        Raise `ConfigInvalid` for any of them without force, and in any case for parameters that
+        the controller's kinematics lacks.
         """
-        lacking = self.controller.lacks(robot.parameters.extended_by)
+        lacking = self.controller.lacks(wanted.robot.parameters.extended_by)
         if lacking:
-            again = " --force" if self.campaign.path(PLAIN_FILE).exists() else ""
-            command = f"pkmcal export {self.campaign.folder} --format {PLAIN}{again}"
-            _, form = plain_form(self.campaign, robot)
+            overwriting = " --force" if self.campaign.path(PLAIN_FILE).exists() else ""
+            command = f"pkmcal export {self.campaign.folder} --format {PLAIN}{overwriting}"
+            _, form = plain_form(self.campaign, wanted.robot)
             remedy = (
                 f"`{command}` writes the nearest set that it can have, which {form.loses}; "
                 "`pkmcal correct` loses nothing"
             )
-            robot.require_known(lacking, remedy)
+            wanted.robot.require_known(lacking, remedy)
         serial = self.controller.identity().serial
         objections = (
             *load_checks.serial_objections(expected_serial, serial),
             *load_checks.held_objections(held, self.campaign.robot),
         )
         if not self.options.force:
-            load_checks.refuse(source, objections)
-        return objections
+            load_checks.refuse(wanted.source, objections)
+        return replace(wanted, objections=(*wanted.objections, *objections))
 
-    def _carry_out(
-        self,
-        source: Path,
-        robot: RobotFile,
-        held: dict[str, float],
-        overruled: tuple[errors.ConfigInvalid, ...],
-        takes_back: int | None = None,
-    ) -> LoadResult:
-        for objection in overruled:
-            self.terms.tell(f"overruled by --force: {objection.problem}")
-        wanted, controller = robot.parameters, self.controller.identity()
-        if not differing(held, wanted):
+    def _carry_out(self, wanted: _Wanted, held: dict[str, float]) -> LoadResult:
+        """Approve, verify, back up and write; the order is that of the module's head."""
+        robot, source = wanted.robot, wanted.source
+        forced = tuple(objection.problem for objection in wanted.objections)
+        for problem in forced:
+            self.terms.tell(f"overruled by --force: {problem}")
+        parameters, controller = robot.parameters, self.controller.identity()
+        if not differing(held, parameters):
             return LoadResult(source, "already", state=self._state(held))
         pairs = self.options.verify if self.cell else 0
-        shots = validation.verification_pairs(self.campaign, (held, wanted), pairs) if pairs else ()
+        shots: tuple[PlannedShot, ...] = ()
+        if pairs:  # refused here, before anybody is asked, if there are too few
+            shots = validation.verification_pairs(self.campaign, (held, parameters), pairs)
         self.terms.approve(controller, changes(held, robot))
         if self.terms.dry:
             return LoadResult(source, "dry", state=self._state(held))
-        forced = tuple(objection.problem for objection in overruled)
         with self.terms.uninterrupted:
-            before = self._measured_before(held, shots) if shots else None
+            before = self._measure_before(held, shots) if shots else None
+            # backup, then record, then write: at any moment the two before it can undo the third
             kept = keep(self.campaign.folder, self.campaign.nominal, held)
             begun = Load(
                 source=source.name,
                 digest=robot.digest(),
                 kept=kept.name,
-                wanted=dict(wanted),
+                wanted=dict(parameters),
                 held=held,
                 controller_serial=controller.serial,
-                rolls_back=takes_back,
+                rolls_back=wanted.takes_back,
                 verify=pairs,
                 forced=forced,
                 projection=form_of(robot.provenance, str(source)),
             ).begin(self.journal)
             self._write(begun)
-            verification = None if before is None else self._verified(begun, shots, *before)
+            verification = None if before is None else self._measure_after(begun, shots, *before)
             begun.end(self.journal, None if verification is None else asdict(verification))
-        return LoadResult(source, "loaded", kept, forced, self._state(wanted), verification)
+        return LoadResult(source, "loaded", kept, forced, self._state(parameters), verification)
 
     def _state(self, held: Mapping[str, float]) -> ControllerState:
+        """Return the state of a controller with these parameters, by the journal's sets."""
         findings = (each.record for each in self.journal.records_of(Finding))
         return KnownSets.of(self.campaign.robot, findings).state_of(held)
 
-    def _measured_before(
+    def _measure_before(
         self, held: Mapping[str, float], shots: tuple[PlannedShot, ...]
     ) -> tuple[int, float]:
-        """Return series and mean error, mm; whatever ends it says that nothing was written."""
+        """Measure with the old parameters; return the series and the mean error, mm.
+
+        Whatever ends the measurement is raised with the words that nothing was written.
+        """
         nothing = "nothing was written: the controller holds the old parameters"
         try:
-            return self._measured("verify before", held, shots)
+            return self._measure("verify before", held, shots)
         except (RobotStateUnknown, errors.LoadNotVerified, errors.TargetOutOfReach) as error:
             raise type(error)(f"{error.problem}; {nothing}", remedy=error.remedy) from error
         except STOPPED as error:
             raise _stopped(nothing) from error
 
     def _write(self, begun: Load) -> None:
-        """Write and read back; a failure is ended in the journal where its outcome is known."""
+        """Write the controller and read it back; end a failed load in the journal.
+
+        The load stays without an end if the controller's parameters cannot be read, or are a
+        mixture. Raise as `write_verified` does.
+        """
         try:
             write_verified(self.controller, begun.wanted, begun.held)
         except (DeviceRefused, errors.LoadNotVerified) as error:
-            with suppress(
-                DriverError, errors.JournalFailed
-            ):  # what went wrong first is what counts
+            # a second failure must not hide the first one, which says what the controller holds
+            with suppress(DriverError, errors.JournalFailed):
                 begun.settle(self.journal, self.controller.read_geometry(), error.problem)
             raise
 
-    def _verified(
+    def _measure_after(
         self, begun: Load, shots: tuple[PlannedShot, ...], series: int, before_mm: float
     ) -> Verification:
-        """Measure with the new parameters; raises `VerdictBad` when they are worse."""
+        """Measure with the new parameters, and compare with the series and mean error before.
+
+        Whatever ends the measurement, the old parameters are put back, unless the robot may still
+        be moving. Raise `VerdictBad` if the pairs became worse.
+        """
         try:
-            again, after_mm = self._measured("verify after", begun.wanted, shots)
+            again, after_mm = self._measure("verify after", begun.wanted, shots)
         except RobotStateUnknown as error:  # a robot that may move is written nothing
             raise RobotStateUnknown(
                 f"{error.problem}; nothing was put back: the controller holds the new parameters "
@@ -310,7 +363,7 @@ class _Loading:
                 remedy=f"{error.remedy}; once it stands, `pkmcal load DIR --rollback` puts the old "
                 "ones back",
             ) from error
-        except BaseException as error:
+        except BaseException as error:  # also KeyboardInterrupt: the old set comes back first
             self._take_back(begun, f"not verified: {problem_of(error)}")
             if isinstance(error, STOPPED):
                 raise _stopped("the controller holds the old parameters") from error
@@ -328,22 +381,27 @@ class _Loading:
         )
 
     def _take_back(self, begun: Load, reason: str) -> None:
-        """Put the old parameters back and end the load; raises `LoadNotVerified`."""
+        """Put the old parameters back and end the load as failed; raise `LoadNotVerified`."""
         put_back(self.controller, begun.held)
         begun.fail(self.journal, reason)
         self.terms.tell(f"rolled back: the controller holds what it held before ({begun.kept})")
 
-    def _measured(
+    def _measure(
         self,
         stage: validation.VerificationStage,
         active: Mapping[str, float],
         shots: tuple[PlannedShot, ...],
     ) -> tuple[int, float]:
-        """Measure pairs as the controller commands them; return series and mean error, mm."""
+        """Measure pairs as the controller commands them; return series and mean error, mm.
+
+        `active` are the parameters in the controller.
+        """
         cell, terms = self.cell, self.terms
         assert cell is not None, "pairs are measured where they were asked for"
         work = validation.verification_work(self.campaign, stage, active, shots)
         before = self.journal.latest_series(stage)
+        # The first round begins a new series: one of an earlier load was measured with other
+        # parameters. After a stop that the operator takes back, the next round goes on with it.
         while True:
             anew = self.journal.latest_series(stage) == before
             try:

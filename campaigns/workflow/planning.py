@@ -1,5 +1,14 @@
 """Planning of a campaign: poses chosen, checked and written, and the predicted uncertainty."""
 
+# 1. Choose poses and their order: near the workspace's limits as in the paper, or optimal for the
+#    positions after the fit. All randomness comes from one seed, so a plan can be made again.
+# 2. Give known lengths and nests their shots, and check the whole plan as a run would: limits,
+#    singularities, view of the tracker, every way between two shots.
+# 3. Predict 1 σ of parameters and positions from the plan alone. The prediction assumes the model
+#    that identification will fit by default, and the tracker's data sheet.
+# 4. Write plan.csv; an older plan is renamed. Only this step holds the campaign: making an optimal
+#    plan takes long, and other commands need not wait for it.
+
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -22,21 +31,29 @@ from campaigns.planning.validation_plan import SHORTEST_PART, fitting_lines
 from campaigns.workflow.identification import identification_options
 
 REFUSALS_SAMPLE = 2000
-"""Poses drawn to count how many the space refuses."""
+"""Number of poses drawn to find the share that the restricted space refuses."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedCampaign:
-    """Plan as it was written, and the uncertainty that it will give."""
+    """Result of planning: the written plan, and the uncertainty that it will give.
+
+    Attributes:
+        checked: The shots in measuring order, the detours between them, and the time they take.
+        forecast: Predicted 1 σ of parameters and positions.
+        placement: How the poses were chosen.
+        seed: Seed of the random generator.
+        refusals: Shares of poses that the restricted space refuses; None without such a space.
+        lines_mm: Lengths of validation lines that would fit, mm, where those in campaign.yaml are
+            too long; None where they fit.
+    """
 
     checked: CheckedPlan
     forecast: Forecast
     placement: Placement
     seed: int
     refusals: Refusals | None = None
-    """Refusals by the space; None without one."""
     lines_mm: tuple[float, float, float] | None = None
-    """Validation lines that would fit, where those of campaign.yaml are too long; else None."""
 
 
 def plan(
@@ -44,9 +61,24 @@ def plan(
     options: PlanOptions | None = None,
     tell: Callable[[str], None] = lambda _: None,
 ) -> PlannedCampaign:
-    """Make, check and write a plan; an older one is kept.
+    """Make, check and write plan.csv; an older plan is kept under another name.
 
-    `tell` is given words on the progress. Raise `OptionsInvalid`, `PlanInvalid` or `WriteFailed`.
+    Args:
+        campaign: The campaign.
+        options: Options of `pkmcal plan`; by default campaign.yaml decides.
+        `tell`: Receives words on the progress.
+
+    Returns:
+        The checked plan with its predicted uncertainty.
+
+    Raises:
+        OptionsInvalid: Options contradict each other, or name unknown parameters.
+        PlanInvalid: There is no such plan: too small a workspace, too few shots, an unsafe way.
+        WriteFailed: plan.csv could not be written.
+
+    Example:
+        >>> planned = workflow.plan(campaign, PlanOptions(shots=80))
+        >>> planned.forecast.position_std_mm.max()
     """
     options = options or PlanOptions()
     planned = _make_and_check(campaign, options, tell)
@@ -57,7 +89,10 @@ def plan(
 
 
 def planned_model(campaign: Campaign, fix: tuple[str, ...] = ()) -> ErrorModel:
-    """Return the model of all sources of error that the shots of a plan will be fitted with."""
+    """Return the model of all sources of error that identification will fit to a plan's shots.
+
+    `fix` holds names or patterns of parameters that keep their nominal values.
+    """
     how = identification_options(campaign, IdentificationOptions(fix=fix))
     return error_model(campaign.robot.kinematics, None, how)
 
@@ -68,6 +103,7 @@ def _make_and_check(
     """Make and check a plan; nothing is written."""
     config, robot, model = campaign.config, campaign.robot, planned_model(campaign, options.fix)
     until_mm = None if options.until is None else read_goal(options.until)
+    # with a goal and no number of shots, the plan grows until the goal is met or the limit reached
     most = MOST_SHOTS if options.shots is None and until_mm is not None else options.shots
     request = OptimalRequest(
         plan=campaign.plan_request(most),
@@ -75,8 +111,9 @@ def _make_and_check(
         uncertainty=campaign.instrument,
         until_mm=until_mm,
     )
-    asked = Placement.OPTIMAL if until_mm is not None else options.placement
-    placement = asked or Placement(config.plan.placement)
+    # shots near the limits of the workspace are drawn, not chosen one by one: no goal stops them
+    requested = Placement.OPTIMAL if until_mm is not None else options.placement
+    placement = requested or Placement(config.plan.placement)
     seed = config.plan.seed if options.seed is None else options.seed
     rng = np.random.default_rng(seed)
     tell("choosing poses and their order")
@@ -99,13 +136,17 @@ def _make_and_check(
 
 
 def _fitting_lines_mm(campaign: Campaign) -> tuple[float, float, float] | None:
-    robot, asked = campaign.robot, campaign.config.validation.line_lengths_mm
-    fitting = fitting_lines(robot.kinematics, robot.limits, campaign.centre, asked, campaign.space)
-    pairs = zip(fitting, asked, strict=True)
+    """Return lengths of validation lines that fit, mm; None if those of campaign.yaml do."""
+    robot, stated_mm = campaign.robot, campaign.config.validation.line_lengths_mm
+    fitting = fitting_lines(
+        robot.kinematics, robot.limits, campaign.centre, stated_mm, campaign.space
+    )
+    pairs = zip(fitting, stated_mm, strict=True)
     return fitting if any(mm < SHORTEST_PART * wanted for mm, wanted in pairs) else None
 
 
 def _refusals(campaign: Campaign, rng: np.random.Generator) -> Refusals | None:
+    """Return how many random poses the restricted space refuses; None without such a space."""
     if not campaign.space.is_restricted:
         return None
     try:

@@ -1,4 +1,13 @@
-"""Programs for a controller out of reach: the way to each shot as one CSV of poses and joints."""
+"""Programs for a controller that is not connected: ways to all shots as CSV of poses and joints."""
+
+# A program has to do by itself what a run does step by step: go to each shot by a safe way, stand
+# still there long enough to be measured, and go on. So it is made from the work that a run or
+# validation would be given (`run_work`, `validation_work`), and its ways are those of the engine.
+# Each stop has pose and joints, because some controllers take the one, some the other. Poses are
+# computed with the set that the controller holds: they lead it to the joints of the plan. After
+# calibration this is the exported set, or the nominal one where targets are corrected.
+# The first row's last column names the plan's digest, and after calibration the digest of the set,
+# by which `status` recognises a program that is out of date.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -29,24 +38,30 @@ from drivers.texts import printable
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProgramStop:
-    """Place to go to: joints (n,) and pose (t,) in inner units; `shot` is None where it passes."""
+    """Place to go to."""
 
     joints: Array
+    """Joints (n,), rad or mm."""
     pose: Array
+    """Pose to send (t,), mm and rad."""
     shot: PlannedShot | None = None
+    """Shot that is measured at the stop; None: the robot only passes."""
 
 
 @dataclass(frozen=True, slots=True)
 class WrittenProgram:
-    """Program as it was written, and what is left out of it or shortened."""
+    """Written program of a stage."""
 
     stage: ProgramStage
     path: Path
     joints_path: Path
-    """Joints of its shots, for `import`."""
+    """File with the joints of the program's shots, for `import`."""
     shots: int
+    """Number of stops at which is measured."""
     seconds: float
+    """Estimated time of motions and stops."""
     notes: tuple[str, ...]
+    """Tests that were left out or shortened, in words."""
 
 
 def joints_path(folder: Path, stage: str) -> Path:
@@ -55,18 +70,22 @@ def joints_path(folder: Path, stage: str) -> Path:
 
 
 def write_programs(campaign: Campaign, options: ProgramOptions) -> tuple[WrittenProgram, ...]:
-    """Write plan.csv and the tests of a validation as programs; older ones are replaced.
+    """Write the stages' programs; older programs are replaced.
 
-    Safe ways, order and speed are those of a run. Poses are such as the controller has to be sent:
-    by the nominal set; after calibration by what `export` or `correct` wrote last. Raise
-    `OptionsInvalid`, `PlanInvalid` or `WriteFailed`.
+    Without a stage in the options these are the plan and the validation before calibration. Raise
+    `OptionsInvalid` for the stage after calibration without an export, `PlanInvalid` for a plan
+    that cannot be run, or `WriteFailed`.
     """
     both: tuple[ProgramStage, ...] = ("run", "before")
     stages = both if options.stage is None else (options.stage,)
     return tuple(_write(campaign, stage) for stage in stages)
 
 
+# 1. the work of the stage, and the model that the controller computes with; 2. all stops, with the
+# safe ways between them; 3. the program, and beside it the joints of its shots, which `import`
+# later joins with the measured points; 4. an estimate of the time.
 def _write(campaign: Campaign, stage: ProgramStage) -> WrittenProgram:
+    """Write the program of a stage and the file of its joints."""
     mechanism, config = campaign.robot.mechanism, campaign.config
     heading = [
         f"campaign {config.name}, robot {campaign.robot.name}",
@@ -101,15 +120,17 @@ def _write(campaign: Campaign, stage: ProgramStage) -> WrittenProgram:
         replace_text(to_import, _joints_text(mechanism, stops))
     scale = np.array([axis.scale for axis in mechanism.joints])
     turns = np.abs(np.diff([stop.joints for stop in stops], axis=0) / scale)
+    # joints move together: the one that turns farthest sets the time of each motion
     seconds = float(turns.max(axis=1, initial=0.0).sum()) / campaign.pace.joint_speed_rad_s
     seconds += len(steps) * dwell_s
     return WrittenProgram(stage, path, to_import, len(steps), seconds, notes)
 
 
 def _stops(work: Work, steps: Sequence[Step], held: Kinematics) -> Iterator[ProgramStop]:
-    """Yield all stops, with safe ways between them as a run takes them; raise `PlanInvalid`.
+    """Yield all stops, with the safe ways between them that a run would take.
 
-    `held`: the model that the controller works with, of the point that it controls.
+    `held` is the model that the controller computes with, of the point that it controls. Raise
+    `PlanInvalid` if there is no safe way to a shot.
     """
     here: tuple[float, ...] | None = None
     for step in steps:
@@ -119,8 +140,8 @@ def _stops(work: Work, steps: Sequence[Step], held: Kinematics) -> Iterator[Prog
                 raise PlanInvalid(
                     f"no safe way to shot {step.planned.shot}", remedy="take it out of plan.csv"
                 )
-            *passed, last = legs
-            yield from (ProgramStop(np.array(q), _pose(held, q)) for q in passed)
+            *detours, last = legs
+            yield from (ProgramStop(np.array(q), _pose(held, q)) for q in detours)
             if target is step.planned.joints:
                 yield ProgramStop(np.array(last), _commanded(held, step), step.planned)
             else:
@@ -129,15 +150,16 @@ def _stops(work: Work, steps: Sequence[Step], held: Kinematics) -> Iterator[Prog
 
 
 def _commanded(held: Kinematics, step: Step) -> Array:
-    """Return the pose (t,) to send for a step."""
+    """Return the pose (t,) to send for a step: as planned, or the one that leads to its joints."""
     if step.command == "pose":
         return pose_row(step.corrected or step.planned.pose)
     return _pose(held, step.planned.joints, pose_row(step.planned.pose))
 
 
 def _pose(held: Kinematics, joints: Sequence[float], near: Array | None = None) -> Array:
-    given = None if near is None else near[None]
-    return np.asarray(held.forward(np.array([joints]), given).values_or_raise()[0])
+    """Return the pose (t,) of joints, near a given pose (t,) if there is one."""
+    start = None if near is None else near[None]
+    return np.asarray(held.forward(np.array([joints]), start).values_or_raise()[0])
 
 
 def _joints_text(mechanism: ClosedChain, stops: Sequence[ProgramStop]) -> str:
@@ -154,9 +176,10 @@ def _joints_text(mechanism: ClosedChain, stops: Sequence[ProgramStop]) -> str:
 def _program_text(
     mechanism: ClosedChain, stops: Sequence[ProgramStop], heading: Sequence[str], dwell_s: float
 ) -> str:
-    """Return the program, a row for each stop; the first one has the heading."""
+    """Return the program as a CSV text, a row for each stop; the first row has the heading."""
     task, joints = mechanism.task, mechanism.joints
     head = ("shot", "set", "pair", *axis_columns(task), *axis_columns(joints), "dwell_s", "program")
+    # controllers read ASCII at most; a CSV has no comments, so the heading stands in a cell
     about = printable("; ".join(heading)).encode("ascii", "replace").decode()
     rows: list[list[str]] = []
     for stop in stops:
@@ -177,6 +200,7 @@ def _program_text(
 
 
 def _pair_and_set(stop: ProgramStop) -> tuple[str, str]:
+    """Return the cells `pair` and `set` of a stop."""
     if stop.shot is None:
         return "", "passes"
     return "" if stop.shot.pair is None else str(stop.shot.pair), stop.shot.purpose.value

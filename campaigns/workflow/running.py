@@ -1,5 +1,20 @@
 """Running of a plan on a connected cell, or as much of it as a goal takes."""
 
+# Theory of operation
+#
+# plan.csv is checked whole before anything moves (planning/plan_check.py), and its shots become
+# steps for the engine (measuring/engine.py), which measures, waits, repeats and resumes. Shots of
+# a run are commanded by joints: the measured pairs of joints and point then do not depend on
+# which parameters the controller holds, and identification needs nothing else.
+#
+# A run goes on where the last one ended: the latest series of the stage is taken up if it was begun
+# with this plan and these devices. `run_preview` answers from the journal alone what would be
+# measured, for --dry and for the question at a terminal; `run` decides it again when connected.
+#
+# With a goal (`--until`) positions need only be known to a mean σ. `predicted_end` computes
+# beforehand, by the plan alone, after how many shots that will be, and refuses a goal that the
+# whole plan does not reach. Validation and drift shots are taken in any case.
+
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
@@ -20,9 +35,10 @@ from campaigns.workflow.work import engine_work, known_sets
 
 
 def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | None = None) -> Work:
-    """Plan as work for the engine, the shots commanded by joints.
+    """Return a checked plan as work for the engine, its shots commanded by joints.
 
-    Raises `OptionsInvalid` or `PlanInvalid`.
+    Raise `OptionsInvalid` for a wrong goal or an unknown shot to skip, and `ConfigInvalid` for a
+    parking place that the robot cannot take.
     """
     options = options or RunOptions()
     goal_mm = None if options.until is None else read_goal(options.until)
@@ -37,7 +53,10 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
 def known_shots(
     shots: Iterable[int], skip: tuple[int, ...], of: str = "plan.csv"
 ) -> frozenset[int]:
-    """Return the shots to skip; raise `OptionsInvalid` for one that is not among the shots."""
+    """Return the shots to skip; raise `OptionsInvalid` for a number that is not among `shots`.
+
+    `of` names the list of shots in the message.
+    """
     unknown = sorted(set(skip) - {*shots})
     if unknown:
         raise OptionsInvalid(
@@ -49,26 +68,26 @@ def known_shots(
 
 @dataclass(frozen=True, slots=True)
 class RunPreview:
-    """What a run would do: what is there of its plan, and what it would measure."""
+    """Preview of a run: the shots that it has already, and those that it would measure."""
 
     series: int | None
-    """The series that it would go on with; None: a new one."""
+    """Series that the run would go on with; None: a new one."""
     shots: int
-    """Of the plan."""
+    """Number of shots of the plan."""
     measured: int
-    """Of these, what counts already."""
-    left: tuple[int, ...]
-    """What it would measure; a pair that was cut in two as a whole."""
+    """Number of shots of the plan that are measured."""
+    pending: tuple[int, ...]
+    """Shots that the run would measure; both shots of a pair that was cut in two."""
     skipped: tuple[int, ...]
-    """What --skip leaves out."""
+    """Shots that --skip leaves out."""
     seconds: float
-    """Estimate for what is left."""
+    """Estimated time of the pending shots."""
 
 
 def state_by_journal(campaign: Campaign) -> ControllerState | None:
-    """Return the state of the controller after the latest load in the journal; None without any.
+    """Return the state of the controller after the latest load in the journal; None without a load.
 
-    Joints are commanded in a run: nothing depends on it, and no one is asked.
+    The controller is not asked: a run commands joints, and does not depend on its parameters.
     """
     if not campaign.journal_path.exists():
         return None
@@ -80,9 +99,10 @@ def state_by_journal(campaign: Campaign) -> ControllerState | None:
 def run_preview(
     campaign: Campaign, seconds: float, work: Work, *, anew: bool = False
 ) -> RunPreview:
-    """Return what `run` would do now, by work that takes so long, journal and campaign.yaml.
+    """Return what `run` would do now, by the journal and campaign.yaml, without a connection.
 
-    Raises `ResumeRefused` as far as that can be known without one.
+    `seconds` is the time of the whole work. Raise `ResumeRefused` for another plan, or for serial
+    numbers in campaign.yaml that are not those of the series.
     """
     series, kept = None, resume.ResumeState((), (), groups(work.steps))
     if campaign.journal_path.exists() and not anew:
@@ -92,23 +112,22 @@ def run_preview(
                 config = campaign.config
                 resume.check_same_devices(series, config.controller.serial, config.tracker.serial)
                 kept = resume.resume_state(work.steps, series.shots)
-    not_wanted = work.skipped_groups
-    skipped = [group for group in kept.left if group in not_wanted]
-    unmeasured = [shot for group in kept.left if group not in skipped for shot in shots_of(group)]
+    skipped = [group for group in kept.left if group in work.skipped_groups]
+    pending = [shot for group in kept.left if group not in skipped for shot in shots_of(group)]
     return RunPreview(
-        None if series is None else series.number,
-        len(work.steps),
-        len(work.steps) - sum(map(len, kept.left)),
-        tuple(unmeasured),
-        tuple(shot for group in skipped for shot in shots_of(group)),
-        seconds * len(unmeasured) / max(len(work.steps), 1),
+        series=None if series is None else series.number,
+        shots=len(work.steps),
+        measured=len(work.steps) - sum(map(len, kept.left)),
+        pending=tuple(pending),
+        skipped=tuple(shot for group in skipped for shot in shots_of(group)),
+        seconds=seconds * len(pending) / max(len(work.steps), 1),
     )
 
 
 def predicted_end(campaign: Campaign, work: Work) -> tuple[PositionUncertainty, int] | None:
-    """Return what the whole plan will show, and after how many shots a goal will be met.
+    """Return the σ of positions after the whole plan, and after how many shots a goal is met.
 
-    Raises `PlanInvalid` when even the whole plan will not meet it.
+    None without a goal. Raise `PlanInvalid` if the whole plan does not meet the goal.
     """
     if work.goal_mm is None:
         return None
@@ -116,12 +135,12 @@ def predicted_end(campaign: Campaign, work: Work) -> tuple[PositionUncertainty, 
 
 
 def measured_before(campaign: Campaign, work: Work) -> RunResult | None:
-    """Return series that has all that is wanted of this plan; None while it lacks something."""
+    """Return the result of a finished series that needs no more shots; None if there is none."""
     if not campaign.journal_path.exists():
         return None
     with campaign.journal_reader() as journal:
-        done = resume.complete_series(journal, work)
-        return None if done is None else run_result(journal, done.number, work)
+        complete = resume.complete_series(journal, work)
+        return None if complete is None else run_result(journal, complete.number, work)
 
 
 def run(
@@ -133,9 +152,29 @@ def run(
     stop_requested: Callable[[], bool] = lambda: False,
     anew: bool = False,
 ) -> RunResult:
-    """Measure on a connected cell what plan.csv still lacks.
+    """Measure on a connected cell the shots of plan.csv that are not measured yet.
 
-    Raises `PlanInvalid`, `Interrupted`, or whatever stopped the engine; what was measured is kept.
+    Args:
+        campaign: The campaign, with a plan.
+        cell: Controller, tracker and time, from `connected_cell`, prepared by `prepare`.
+        options: Options of `pkmcal run`: a goal, shots to skip.
+        observer: Receives progress; by default nothing is reported.
+        stop_requested: Returns True when the run shall end; the robot is then stopped.
+        `anew`: Whether a new series is begun although one is unfinished.
+
+    Returns:
+        The series' number, its shots, those left out and skipped, and the σ of positions.
+
+    Raises:
+        PlanInvalid: The plan cannot be run as written, or does not meet the goal.
+        ResumeRefused: The series was begun with another plan or other devices.
+        Interrupted: `stop_requested` returned True; the measured shots are kept.
+        GateRefused, DriverError: What stopped the engine; the measured shots are kept.
+
+    Example:
+        >>> with connected_cell(campaign) as cell:
+        ...     prepare(campaign, cell)
+        ...     result = workflow.run(campaign, cell)
     """
     work = run_work(campaign, campaign.checked_plan(), options)
     predicted_end(campaign, work)

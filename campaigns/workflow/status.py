@@ -1,4 +1,4 @@
-"""Status of a campaign: where it is, what is open and doubtful, what is next.
+"""Status of a campaign: its phase, what is open or doubtful, and the next step.
 
 Only reads, and takes no lock: another process may be measuring meanwhile.
 """
@@ -19,20 +19,22 @@ from campaigns.planning.steps import joint_steps
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageProgress:
-    """Series of the journal, and how far it is."""
+    """Progress of a series of the journal."""
 
     series: int
+    """Number of the series."""
     stage: str
     shots: int
+    """Number of measured shots; of a run only those of whole pairs."""
     planned: int | None
-    """Shots of plan.csv for a run; None if unknown."""
+    """Number of shots in plan.csv, for a run; None if unknown."""
     finished: bool
     latest_utc: str
-    """When its latest shot was measured; of a series without any when it began."""
+    """Time of the latest shot; of a series without shots the time when it began."""
 
     @property
     def says(self) -> str:
-        """The progress in words."""
+        """Progress in words."""
         of = f" of {self.planned}" if self.planned is not None else ""
         ended = "" if self.finished else ", not finished"
         return f"{self.stage}: {self.shots}{of} shots{ended}, {moment(self.latest_utc)}"
@@ -40,22 +42,23 @@ class StageProgress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignStatus:
-    """Status of a campaign."""
+    """Status of a campaign, as `pkmcal status` shows it."""
 
     folder: str
     name: str
     robot: str
     phase: str
+    """Stage that the campaign has reached, in words."""
     series: tuple[StageProgress, ...]
-    """Every one, the latest last."""
+    """Progress of every series, the latest last."""
     decision: Verdict | None
-    """Of the verdict on the whole; None before anything was identified."""
+    """Verdict on the whole campaign; None before an identification."""
     validated: bool
     """Whether the robot was ever validated after calibration."""
     open: tuple[str, ...]
-    """What was begun and not ended."""
+    """Series and loads that were begun and not ended, and files that cannot be read."""
     doubtful: tuple[str, ...]
-    """What stands against the result."""
+    """Findings and checks against the result, in words."""
     next: NextStep | None
     measuring: Holder | None
     """Process that works on the campaign now."""
@@ -92,14 +95,15 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
 
 
 def phase(state: CampaignState) -> str:
-    """Return what a campaign has reached, in words."""
+    """Return the stage that a campaign has reached, in words."""
+    # the latest stage first: a campaign that is validated is also identified, measured, planned
     if state.reported and state.after:
         return "validated and reported"
     if state.after:
         return "validated after calibration"
     if state.verdict is not None:
-        calibrated = state.verdict == "pass" and state.holds
-        return "calibrated, not validated" if calibrated else "identified"
+        is_calibrated = state.verdict == "pass" and state.holds
+        return "calibrated, not validated" if is_calibrated else "identified"
     if state.measured:
         part = " in part" if state.unmeasured == "run" else ""
         return f"{'imported' if state.measured == 'import' else 'measured'}{part}, not identified"
@@ -109,7 +113,10 @@ def phase(state: CampaignState) -> str:
 
 
 def _progress(evidence: Evidence, series: Series) -> StageProgress:
-    """Return how far a series is; of a run pairs count as a whole, as for its resumption."""
+    """Return the progress of a series; shots of a run's broken pairs do not count.
+
+    When the run is resumed such a pair is measured again as a whole.
+    """
     shots, planned = len(series.shots), None
     if series.started.stage == "run" and evidence.plan is not None:
         planned = len(evidence.plan)
@@ -127,7 +134,7 @@ def _progress(evidence: Evidence, series: Series) -> StageProgress:
 
 
 def _open(evidence: Evidence, series: tuple[StageProgress, ...]) -> Iterator[str]:
-    """Return what was begun and not ended: of each stage its latest series, and a load."""
+    """Yield series and loads that were begun and not ended, and files that cannot be read."""
     latest = {each.stage: each for each in series}
     yield from (f"series {s.series}, {s.says}" for s in latest.values() if not s.finished)
     if evidence.journal and evidence.journal.unended_load:
@@ -136,11 +143,11 @@ def _open(evidence: Evidence, series: tuple[StageProgress, ...]) -> Iterator[str
 
 
 def doubtful(evaluation: Evaluation) -> Iterator[str]:
-    """Return findings that count, a bad check, and checks that do not hold."""
+    """Yield the findings that affect the verdict, a bad check, and statements that do not hold."""
     identification, check = evaluation.evidence.identification, evaluation.evidence.unanswered
     if identification is None:
         return
-    if check is not None and check.decision != "fail":  # which is among the checks
+    if check is not None and check.decision != "fail":  # a failed one is among the checks below
         yield f"check, series {check.series}: {check.says}"
     yield from (finding.says for finding in identification.findings if finding.affects_verdict)
     broken = (each for each in evaluation.checks if each.holds is False)

@@ -1,5 +1,16 @@
 """Validation of a campaign: how good the robot is as its user commands it."""
 
+# Identification commands joints; a validation commands poses, which the controller turns into
+# joints with the parameters that it holds. Only so do errors of these parameters show (ADR 11).
+# The two stages differ in what the controller holds, and in nothing else: the nominal set before
+# calibration, the identified one after it. So before anything is measured, the controller is read
+# and its set is compared with the stage (`wrong_stage`).
+#
+# `--by targets` is for controllers that keep the nominal set: planned poses are corrected with the
+# identified set (corrected_targets.py), and errors are judged against the wanted poses.
+# A plate of two halves may carry the reflector on the half that the controller does not control.
+# Planned poses are poses of the reflector then, and `_to_controlled_point` converts them.
+
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -33,15 +44,21 @@ from campaigns.workflow.identification import identification_options
 from campaigns.workflow.running import known_shots
 from campaigns.workflow.work import engine_work, known_sets
 
-AGAIN = "--force measures it all the same"
+FORCE_MEASURES = "--force measures it all the same"
 VerificationStage = Literal["verify before", "verify after"]
 TESTS = frozenset(validation.SET_OF.values())
-"""Of a validation."""
+"""Sets of shots of all tests."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Validated:
-    """Result of a validation, and the campaign with it: earlier tests of the stage count too."""
+    """Result of a validation, and the evaluation of the campaign with it.
+
+    Attributes:
+        stage: The stage, before or after calibration.
+        result: Figures of the series that was just measured or imported.
+        evaluation: Evaluation of the whole campaign, earlier tests of the stage included.
+    """
 
     stage: ValidationStage
     result: validation.ValidationResult
@@ -49,7 +66,7 @@ class Validated:
 
     @property
     def whole(self) -> validation.ValidationResult:
-        """Of each test of the stage the latest."""
+        """Figures of the stage: of each test the latest."""
         evaluation = self.evaluation
         return (evaluation.before if self.stage == "before" else evaluation.after) or self.result
 
@@ -60,27 +77,28 @@ class Validated:
 
     @property
     def campaign_verdict(self) -> CampaignVerdict | None:
-        """Verdict on the whole campaign, as its report has it; None before calibration."""
+        """Verdict on the whole campaign, as in its report; None before calibration."""
         return self.evaluation.verdict if self.stage == "after" else None
 
     @property
     def otherwise(self) -> CampaignVerdict | None:
-        """Verdict on the campaign where it is another than the stage's; None: it is not."""
+        """Verdict on the campaign if it differs from the stage's verdict, else None."""
         whole = self.campaign_verdict
-        alike = whole is None or whole.decision in {self.verdict.decision, NO_LIMIT}
-        return None if alike else whole
+        is_alike = whole is None or whole.decision in {self.verdict.decision, NO_LIMIT}
+        return None if is_alike else whole
 
 
 def validation_work(
     campaign: Campaign, active: Mapping[str, float], options: ValidationOptions
 ) -> tuple[Work, tuple[str, ...]]:
-    """Return tests as work for the engine, and what had to be shortened or left out.
+    """Return the tests as work for the engine, and notes on those shortened or left out.
 
-    Planned with the parameters that are active in the controller, which takes the pose commands; by
-    targets with the identified ones of the exported file, the active ones being the controller's.
-    Raises `ConfigInvalid` for a file that is not for this campaign, and `OptionsInvalid` for a shot
-    to skip that is unknown.
+    `active` are the controller's parameters by name, mm and deg. Raise `ConfigInvalid` for an
+    exported file that is not of this campaign, `PlanInvalid` if nothing can be tested, and
+    `OptionsInvalid` for an unknown shot to skip.
     """
+    # The tests are planned with the model that will set the joints: the controller's own set, or by
+    # targets the identified one, by which the commanded poses are corrected.
     tests = options.tests
     unseen = _unseen_pairs(campaign) if ShotSet.VALIDATION in tests else ()
     held = _active_robot(campaign, active)
@@ -96,7 +114,7 @@ def validation_work(
 
 
 def seconds_of(campaign: Campaign, work: Work) -> float:
-    """Return the time that work takes, by straight ways."""
+    """Return the time that work takes if all ways are straight, s."""
     joints = np.array([step.planned.joints for step in work.steps])
     turns = np.abs(np.diff(work.robot.kinematics.comparable(joints), axis=0))
     return campaign.pace.seconds(len(joints), float(turns.max(axis=1, initial=0.0).sum()))
@@ -105,30 +123,29 @@ def seconds_of(campaign: Campaign, work: Work) -> float:
 def verification_pairs(
     campaign: Campaign, sets: Sequence[Mapping[str, float]], count: int
 ) -> tuple[PlannedShot, ...]:
-    """Return the first validation pairs that each of these parameter sets can be sent to.
+    """Return the shots of the first `count` validation pairs that a robot reaches by all sets.
 
-    Raises `OptionsInvalid` when there are fewer than asked for.
+    `sets` are parameters by name, mm and deg. Raise `OptionsInvalid` if there are fewer pairs.
     """
-    reachable = [_reachable(campaign, _active_robot(campaign, active)) for active in sets]
+    robots = [_reachable(campaign, _active_robot(campaign, active)) for active in sets]
     pairs: dict[int, list[PlannedShot]] = {}
     for shot in _unseen_pairs(campaign):
         if shot.pair is not None:
             pairs.setdefault(shot.pair, []).append(shot)
-    able = [
-        both
-        for both in pairs.values()
-        if not any(
-            pair.first_reason(np.array([pose_row(shot.pose) for shot in both]))
-            for pair in reachable
-        )
-    ]
-    if len(able) < count:
+    # the same pairs are measured before and after: each must be possible with both sets
+    within_reach = []
+    for shots in pairs.values():
+        poses = np.array([pose_row(shot.pose) for shot in shots])
+        if not any(robot.first_reason(poses) for robot in robots):
+            within_reach.append(shots)
+    able = len(within_reach)
+    if able < count:
         raise OptionsInvalid(
-            f"--verify {count}: plan.csv has {len(pairs)} validation pairs, {len(able)} within "
+            f"--verify {count}: plan.csv has {len(pairs)} validation pairs, {able} within "
             "reach of the old and the new parameters",
-            remedy=f"give --verify {len(able)} or less" if able else "plan with validation pairs",
+            remedy=f"give --verify {able} or less" if able else "plan with validation pairs",
         )
-    return tuple(shot for both in able[:count] for shot in both)
+    return tuple(shot for shots in within_reach[:count] for shot in shots)
 
 
 def verification_work(
@@ -139,11 +156,13 @@ def verification_work(
 ) -> Work:
     """Return pairs as work for the engine, commanded by poses as in a validation.
 
-    It ends at the centre, from where a safe way leads whichever parameters the controller holds.
+    `active` are the controller's parameters by name, mm and deg.
     """
     robot = _active_robot(campaign, active)
     correct = _to_controlled_point(robot)
     work, _ = _work(campaign, stage, robot, frozenset({ShotSet.VALIDATION}), shots, correct)
+    # The robot is left at the centre of the workspace: the parameters change next, and from the
+    # centre a safe way leads to the first pair by either set.
     centre = np.zeros((1, len(robot.mechanism.task)))
     centre[0, : len(AXES)] = campaign.config.validation.centre_mm
     reachable = _reachable(campaign, robot, correct)
@@ -153,9 +172,10 @@ def verification_work(
 
 
 def mean_of_pairs_mm(campaign: Campaign, journal: JournalReader, series: int, count: int) -> float:
-    """Return the mean error without signs of the distances of a series' pairs.
+    """Return the mean absolute error of the distances of a series' pairs, mm.
 
-    Raises `LoadNotVerified` if fewer than `count` pairs were measured.
+    Raise `LoadNotVerified` if fewer than `count` pairs were measured: the figures before and after
+    would be of different pairs.
     """
     distances = _evaluated(campaign, journal, series).distances
     measured = len(distances.pairs) if distances else 0
@@ -179,13 +199,14 @@ def wrong_stage(
     *,
     by: CalibrationRoute = "parameters",
 ) -> OptionsInvalid | None:
-    """Return what forbids measuring a stage while the controller holds these parameters.
+    """Return the objection to measuring a stage with the controller's parameters; None if right.
 
-    `tell` hears of a load that was begun and not ended; its end is written into the journal.
+    `held` are the parameters by name, mm and deg. A load without an end is given its end in the
+    journal, and `tell` receives a sentence about it.
     """
-    mixture = _ended_load(campaign, held, tell)
+    mixture = _end_load(campaign, held, tell)
     if mixture:
-        return OptionsInvalid(f"--stage {stage}: {mixture}", remedy=AGAIN)
+        return OptionsInvalid(f"--stage {stage}: {mixture}", remedy=FORCE_MEASURES)
     return wrong_state(campaign, known_sets(campaign).state_of(held), stage, by)
 
 
@@ -195,42 +216,45 @@ def wrong_state(
     stage: ValidationStage,
     by: CalibrationRoute = "parameters",
 ) -> OptionsInvalid | None:
-    """Return the objection to a stage with a controller in this state; None without any."""
-    nominal, rolled_back = held.kind == "nominal", f"`pkmcal load {campaign.folder} --rollback`"
-    if nominal == (stage == "before" or by == "targets"):
+    """Return the objection to a stage with a controller in this state; None if it is right."""
+    roll_back = f"`pkmcal load {campaign.folder} --rollback`"
+    # nominal parameters are right before calibration, and after it only by corrected targets
+    if (held.kind == "nominal") == (stage == "before" or by == "targets"):
         return None
     if stage == "before":
         nominal_file = campaign.path(campaign.config.robot)
         remedy = {"other": f"`pkmcal load {campaign.folder} --robot {nominal_file}`"}
         return OptionsInvalid(
             f"--stage before: the controller holds {held.says}",
-            remedy=f"{remedy.get(held.kind, rolled_back)} first, or --stage after; {AGAIN}",
+            remedy=f"{remedy.get(held.kind, roll_back)} first, or --stage after; {FORCE_MEASURES}",
         )
     if by == "targets":
         return OptionsInvalid(
             "--by targets: the controller does not hold the nominal parameters, for which targets "
             f"are corrected, but {held.says}",
-            remedy=f"{rolled_back} first, or leave --by targets out; {AGAIN}",
+            remedy=f"{roll_back} first, or leave --by targets out; {FORCE_MEASURES}",
         )
     return OptionsInvalid(
         "--stage after: the controller still holds the nominal parameters",
         remedy=f"`pkmcal load {campaign.folder}` first, or --by targets, or --stage before; "
-        f"{AGAIN}",
+        f"{FORCE_MEASURES}",
     )
 
 
 def replaced(
     campaign: Campaign, stage: ValidationStage, tests: frozenset[ShotSet] = TESTS
 ) -> OptionsInvalid | None:
-    """Return the objection to tests before calibration that were measured already."""
+    """Return the objection to tests before calibration that were measured already; None if not."""
+    # After calibration a repeated test is welcome. Before it, the result is the proof of what
+    # calibration gained, and after a rollback the robot may no longer be in that state.
     if stage == "after":
         return None
-    done = [each for each in gather(campaign).before if each.series.finished]
+    finished = [measured for measured in gather(campaign).before if measured.series.finished]
     measured = {
-        name: each.series.number
+        name: validated.series.number
         for name, test in validation.SET_OF.items()
-        for each in done
-        if test in tests and test in each.shots.purposes
+        for validated in finished
+        if test in tests and test in validated.shots.purposes
     }
     if not measured:
         return None
@@ -238,24 +262,24 @@ def replaced(
     return OptionsInvalid(
         f"--stage before: measured already (series {series}): {', '.join(measured)}; a later one "
         "would count in its place",
-        remedy=f"keep them and go on; {AGAIN}",
+        remedy=f"keep them and go on; {FORCE_MEASURES}",
     )
 
 
 def require_or_record(
     campaign: Campaign, objections: Iterable[OptionsInvalid | None], *, anyway: bool
 ) -> None:
-    """Raise the first objection to a stage, or write into the journal what is done `anyway`."""
-    errors = [each for each in objections if each is not None]
-    if errors and not anyway:
-        raise errors[0]
-    for wrong in errors:
+    """Raise the first objection to a stage; with `anyway` write all of them into the journal."""
+    wrongs = [objection for objection in objections if objection is not None]
+    if wrongs and not anyway:
+        raise wrongs[0]
+    for wrong in wrongs:
         with campaign.journal() as journal:
             record_objection(journal, wrong)
 
 
 def record_objection(journal: Journal, wrong: OptionsInvalid) -> None:
-    """Write into the journal in spite of what is measured."""
+    """Write an overruled objection into the journal."""
     journal.append(Event("wrong stage", f"measured all the same: {wrong.problem}"))
 
 
@@ -269,9 +293,24 @@ def validate(
 ) -> Validated:
     """Measure on a connected cell how good the robot is as its user commands it, and judge it.
 
-    By targets, the controller keeps its nominal parameters and is commanded corrected poses; errors
-    are judged against the wanted ones. Raises `OptionsInvalid` for the wrong stage, and for what
-    was measured before already, unless it is measured `anyway`.
+    Args:
+        campaign: The campaign, with a plan.
+        cell: Controller, tracker and time, from `connected_cell`, prepared by `prepare`.
+        options: Options of `pkmcal validate`; the stage at least.
+        observer: Receives progress; by default nothing is reported.
+        stop_requested: Returns True when the validation shall end; the robot is then stopped.
+
+    Returns:
+        The figures of the tests, and the verdicts on the stage and on the campaign.
+
+    Raises:
+        OptionsInvalid: The controller does not hold the parameters of the stage, or the tests
+            before calibration were measured already; `force` in the options overrules both.
+        PlanInvalid: Nothing can be tested.
+        Interrupted, GateRefused, DriverError: What ended it; the measured shots are kept.
+
+    Example:
+        >>> workflow.validate(campaign, cell, ValidationOptions(stage="before")).verdict.decision
     """
     active, stage = cell.robot.read_geometry(), options.stage
     again = replaced(campaign, stage, options.tests)
@@ -292,15 +331,18 @@ def record_validation(
     stage: ValidationStage,
     by: CalibrationRoute = "parameters",
 ) -> Validated:
-    """Evaluate a series that was measured, and write the finding into the journal."""
+    """Evaluate a validation's series, write the finding into the journal, and return the result."""
     result = _evaluated(campaign, journal, series)
     body = {"stage": stage, "by": by, "series": series, **result.document()}
     journal.append(Finding("validation", body), series=series)
     return Validated(stage, result, evaluate(campaign))
 
 
-def _ended_load(campaign: Campaign, held: Mapping[str, float], tell: Callable[[str], None]) -> str:
-    """End a load that has none, by what the controller holds; gives what still cannot be ended."""
+def _end_load(campaign: Campaign, held: Mapping[str, float], tell: Callable[[str], None]) -> str:
+    """Write the end of a load that has none, by what the controller holds.
+
+    Return "", or for a mixture of old and new parameters, which ends nothing, its description.
+    """
     if not campaign.journal_path.exists():
         return ""
     with campaign.journal_reader() as journal:
@@ -327,15 +369,20 @@ def _unseen_pairs(campaign: Campaign) -> tuple[PlannedShot, ...]:
 
 
 def _active_robot(campaign: Campaign, active: Mapping[str, float]) -> RobotFile:
+    """Return the robot that the controller computes with, by its parameters."""
+    # the matching known set, not the values as read: a resumed series compares digests
     nominal, held = campaign.robot, known_sets(campaign).match(active)
     return RobotFile.of(nominal.mechanism, held, name="active", limits=nominal.limits)
 
 
 def _to_controlled_point(held: RobotFile) -> Correct | None:
-    """Return the poses to command where the reflector is on another part of the plate."""
+    """Return the correction from poses of the reflector to poses of the controlled point.
+
+    None if the reflector moves with the controlled point.
+    """
     model, controlled = held.kinematics, held.kinematics.controlled
-    same = controlled.mechanism == model.mechanism
-    return None if same else TargetCorrection(model, controlled, held.limits).commanded
+    is_alike = controlled.mechanism == model.mechanism
+    return None if is_alike else TargetCorrection(model, controlled, held.limits).commanded
 
 
 def _reachable(campaign: Campaign, robot: RobotFile, correct: Correct | None = None) -> Reachable:

@@ -1,5 +1,9 @@
 """Work for the engine: steps with the rules of a campaign's settings, and its parameter sets."""
 
+# The engine (campaigns/measuring) reads no files. Everything that it needs of a campaign is copied
+# into a `Work`: settle and gate limits, speed, the tracker's place, the plan's digest, and
+# campaign.yaml as it stands, which the journal keeps with each series.
+
 from math import dist
 
 import numpy as np
@@ -18,7 +22,7 @@ from campaigns.planning.steps import Step
 
 
 def known_sets(campaign: Campaign) -> KnownSets:
-    """Return the parameter sets that a controller of the campaign may hold."""
+    """Return the parameter sets that the campaign's controller may hold, by its journal."""
     if not campaign.journal_path.exists():
         return KnownSets.of(campaign.robot, ())
     with campaign.journal_reader() as journal:
@@ -33,7 +37,10 @@ def engine_work(
     digest: str,
     options: IdentificationOptions,
 ) -> Work:
-    """Return the work of these steps; `digest` is that of the set whose kinematics is given."""
+    """Return the work of a stage's steps; `digest` is that of the parameters of `kinematics`.
+
+    Raise `ConfigInvalid` for a parking place that the robot cannot take.
+    """
     robot, config = campaign.robot, campaign.config
     return Work(
         stage=stage,
@@ -62,7 +69,10 @@ def engine_work(
 
 
 def _park_joints(campaign: Campaign, kinematics: Kinematics) -> tuple[float, ...]:
-    """Return joints of `run.park_mm`, the plate unturned; () without it. Raise `ConfigInvalid`."""
+    """Return the joints of `run.park_mm`, the plate unturned; () without that setting.
+
+    Raise `ConfigInvalid` for a place that the robot cannot take.
+    """
     park_mm = campaign.config.run.park_mm
     if park_mm is None:
         return ()

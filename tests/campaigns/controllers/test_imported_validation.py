@@ -31,7 +31,7 @@ from campaigns.shots.shots_csv import ShotRow, write_shots
 from campaigns.workflow.correction import correct_file
 from campaigns.workflow.exporting import export, export_plain
 from campaigns.workflow.identification import identify
-from campaigns.workflow.importing import declared_set, import_shots, import_validation
+from campaigns.workflow.importing import ImportTerms, declared_set, import_shots, import_validation
 from campaigns.workflow.validation import replaced, validation_work
 
 LIMITS = AcceptanceConfig(
@@ -93,7 +93,7 @@ def correct(paper: PaperCampaign, to: str = "corrected.csv") -> None:
 def taken_in(of: PaperCampaign | Campaign, stage, shots: Sequence[ShotRow], file=None, **options):
     campaign = of if isinstance(of, Campaign) else of.campaign
     held = declared_set(campaign, stage, file)
-    return import_validation(campaign, shots, stage, held, **options)
+    return import_validation(campaign, shots, stage, held, ImportTerms(**options))
 
 
 def test_the_gain_of_a_closed_controller_is_proved_by_shots_measured_elsewhere(
@@ -216,7 +216,7 @@ def test_what_was_measured_once_proves_nothing_of_itself(paper: PaperCampaign) -
     taken_in(paper, "before", before, anyway=True)
     identifying = [replace(row, purpose=ShotSet.IDENTIFICATION) for row in before if row.pair]
     with pytest.raises(ShotsInvalid, match=r"of series 3 \(before\)"):
-        import_shots(paper.campaign, identifying, anyway=True)
+        import_shots(paper.campaign, identifying, ImportTerms(anyway=True))
 
 
 @pytest.mark.parametrize(("answer", "code"), [("n\n", 2), ("y\n", 3)])
