@@ -117,7 +117,7 @@ def write_paragraphs(formatter: Any, text: str) -> None:
 
 
 SECTIONS = {
-    "Which shots": "shots placement until seed skip only only-shots hold-out update sessions",
+    "Which shots": "shots placement until skip only only-shots hold-out update sessions",
     "Which model": "model free fix prior",
     "Devices": "controller tracker offline controller-driver tracker-driver",
     "Points of other software": "joints join columns coordinates decimal encoding",

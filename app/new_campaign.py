@@ -71,7 +71,7 @@ class NewOptions:
         Option(
             "The simulated cell: a shipped scenario, or a cell file.",
             metavar="NAME",
-            default=f"{DEFAULT_SCENARIO}, without a real cell",
+            default=f"{DEFAULT_SCENARIO}; none for real devices",
             words=shipped_scenarios,
         ),
     ] = None
@@ -81,17 +81,23 @@ class NewOptions:
     ] = None
     tracker: Annotated[str | None, Option("The tracker: tcp://HOST:700", metavar="URL")] = None
     offline: Annotated[
-        bool, Option("No device is connected: programs go out, measured files come in.")
+        bool, Option("Connect no device: write plans as tables, import measured files.")
     ] = False
     controller_driver: Annotated[
         str | None,
         Option(
-            f"Its protocol: {', '.join(CONTROLLERS)}.", metavar="NAME", words=lambda: [*CONTROLLERS]
+            f"Protocol of the controller: {', '.join(CONTROLLERS)}.",
+            metavar="NAME",
+            words=lambda: [*CONTROLLERS],
         ),
     ] = None
     tracker_driver: Annotated[
         str | None,
-        Option(f"Its protocol: {', '.join(TRACKERS)}.", metavar="NAME", words=lambda: [*TRACKERS]),
+        Option(
+            f"Protocol of the tracker: {', '.join(TRACKERS)}.",
+            metavar="NAME",
+            words=lambda: [*TRACKERS],
+        ),
     ] = None
 
     def __post_init__(self) -> None:

@@ -41,7 +41,7 @@ Json = Annotated[
 Yes = Annotated[
     bool, typer.Option("--yes", "-y", help="Do not ask whether the cell is clear: it is.")
 ]
-Port = Annotated[int, typer.Option(min=0, max=65535, metavar="N", help="0: any free one.")]
+Port = Annotated[int, typer.Option(min=0, max=65535, metavar="N", help="Port; 0: any free one.")]
 Dry = Annotated[bool, typer.Option("--dry", help="Show what would happen, and do nothing.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")]
 Anew = Annotated[

@@ -47,7 +47,8 @@ class PlanOptions:
     shots: Annotated[
         int | None,
         Option(
-            "Identification shots, two per pair, all others on top; with --until the maximum.",
+            "Number of identification shots, two per pair; validation and drift shots are added. "
+            "With --until: the maximum.",
             metavar="N",
             least=2,
         ),
@@ -55,14 +56,15 @@ class PlanOptions:
     placement: Annotated[
         Placement | None,
         Option(
-            "boundary: near the limits of the workspace, as in the paper. optimal: those of "
-            "thousands of candidates after which positions are known best."
+            "boundary: poses near the limits of the workspace, as in the paper. optimal: of "
+            "thousands of candidates those that make positions least uncertain."
         ),
     ] = None
     until: Annotated[
         str | None,
         Option(
-            "Optimal, with as few shots as bring positions to this mean σ, in mm: 0.02.",
+            "Optimal placement of the fewest shots that reach this mean σ of positions, in mm, "
+            "such as 0.02.",
             metavar="MM",
         ),
     ] = None
@@ -88,8 +90,8 @@ class ProgramOptions:
     program: Annotated[
         Literal["csv"] | None,
         Option(
-            "Write plan and tests as tables of poses and joints, and the joints of each shot; a "
-            "plan.csv that is there is kept, unless options of a plan are given."
+            "Write plan and tests as tables of poses and joints, and the joints of each shot. An "
+            "existing plan.csv is written as it is, unless other options of plan are given."
         ),
     ] = None
     stage: Annotated[
@@ -111,8 +113,8 @@ class RunOptions:
     until: Annotated[
         str | None,
         Option(
-            "End early, once positions are known to this mean σ, in mm: 0.02. Validation and drift "
-            "shots are taken all the same.",
+            "End early, once the mean σ of positions is this small, in mm, such as 0.02. "
+            "Validation and drift shots are still taken.",
             metavar="MM",
         ),
     ] = None
@@ -140,13 +142,13 @@ class ValidationOptions:
         ),
     ] = ()
     force: Annotated[
-        bool, Option("Measure although it is the wrong stage, or 'before' is already measured.")
+        bool, Option("Measure even if the stage is wrong, or 'before' is already measured.")
     ] = False
     by: Annotated[
         CalibrationRoute,
         Option(
-            "What calibrates the robot, --stage after: parameters in its controller, or targets "
-            "corrected for a controller that keeps the nominal ones."
+            "With --stage after, what calibrates the robot: parameters in its controller, or "
+            "corrected targets for a controller that keeps its nominal parameters."
         ),
     ] = "parameters"
     skip: Skip = ()
@@ -170,7 +172,7 @@ class CheckOptions:
     """Options of a check."""
 
     shots: Annotated[
-        int | None, Option("Shots to take.", metavar="N", least=6, most=20, default="8")
+        int | None, Option("Number of shots.", metavar="N", least=6, most=20, default="8")
     ] = None
     retry: Retry = None
 

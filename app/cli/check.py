@@ -49,10 +49,11 @@ def command(
     """Test with a few shots whether the robot is still calibrated.
 
     The shots are spread over those of the plan. The tracker may stand anywhere, but must not move
-    during the check. The last identification is their prior: if they contradict it, the parts that
-    most likely changed are named. `pkmcal identify --update` then makes a new set of it.
+    during the check. The shots are compared with the last identification: if they contradict it,
+    the parts that most likely changed are named. `pkmcal identify --update` then updates the
+    parameters.
 
-    Exit code 1: not good, or not decided.
+    Exit code 1: the robot has changed, or the shots do not decide whether it has.
     """
     campaign.require_devices()
     work = check_work(campaign, options)

@@ -20,7 +20,8 @@ CORRECTED = "-corrected"
 Poses = Annotated[
     Path,
     typer.Option(
-        metavar="FILE", help="CSV with a column for each coordinate, such as x_mm; name optional."
+        metavar="FILE",
+        help="Wanted poses: a CSV with a column for each coordinate, such as x_mm; name optional.",
     ),
 ]
 Robot = Annotated[

@@ -47,7 +47,7 @@ def command(
             "--format",
             metavar="FORMAT",
             help="yaml: a robot file. linuxcnc: a HAL file for pkmkins. plain: a robot file "
-            "without tilts, skews and gears, of the nearest values. shots: the measured shots.",
+            "without tilts, skews and gears, with the nearest values. shots: the measured shots.",
         ),
     ] = "yaml",
     force: Force = False,

@@ -28,7 +28,7 @@ def command(
     Uses the latest run or import. The fit uses the shots of the set "identification" and is judged
     by the pairs of the set "validation", which it never uses. Every source of error is fitted, with
     its tolerance as a prior; what no shot determines stays at nominal. A NAME is a parameter, a
-    shell pattern of them, or a group of error sources, such as backlash.
+    shell pattern of parameters, or a group of error sources, such as backlash.
 
     Exit code 1: computed, but must not be used; the reasons are given.
 

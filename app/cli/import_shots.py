@@ -62,26 +62,32 @@ def command(
         Form | None,
         typer.Option(
             "--format",
-            help="shots: as above; ascii: points of other software. Default: by the first line.",
+            help="shots: the CSV file above. ascii: points of other software. Default: by the "
+            "file's first line.",
         ),
     ] = None,
     unit: Annotated[
         LengthUnit | None,
-        typer.Option(help="Unit of lengths in the file. Default: its header's; of a shots.csv mm."),
+        typer.Option(
+            help="Unit of lengths in the file. Default: that of its header; mm for a shots.csv."
+        ),
     ] = None,
     joints: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="For points: name,q0_deg…q3_deg,pair,set of each. Default: what plan --program "
-            "wrote into DIR.",
+            help="For points: file of the joints of each, in columns name,q0_deg…q3_deg,pair,set. "
+            "Default: the one that plan --program wrote into DIR.",
         ),
     ] = None,
     join: Annotated[
-        Join, typer.Option(help="For points: how points and joints belong together.")
+        Join, typer.Option(help="For points: how they belong to joints, by name or in order.")
     ] = "name",
     columns: Annotated[
-        str | None, typer.Option(metavar="NAMES", help="For points: such as name,x,y,z.")
+        str | None,
+        typer.Option(
+            metavar="NAMES", help="For points: what the columns hold, such as name,x,y,z."
+        ),
     ] = None,
     coordinates: Annotated[
         Coordinates | None,
@@ -89,28 +95,30 @@ def command(
     ] = None,
     decimal: Annotated[
         DecimalSign | None,
-        typer.Option(help="For points: the decimal sign; thousands separators are read then."),
+        typer.Option(
+            help="For points: the decimal sign; if given, thousands separators are read, too."
+        ),
     ] = None,
     encoding: Annotated[
         Encoding | None, typer.Option(help="For points without a byte-order mark. Default: utf-8.")
     ] = None,
     stage: Annotated[
         ValidationStage | None,
-        typer.Option(help="Shots of a validation before or after calibration, measured elsewhere."),
+        typer.Option(help="Import the shots as a validation before or after calibration."),
     ] = None,
     robot: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="With --stage: the controller's parameters, a robot file or a file of export. "
-            "Default: before, the nominal ones; after, what export or correct wrote last.",
+            help="With --stage: parameters that the controller had, a robot file or a file of "
+            "export. Default for before: the nominal ones; for after: those that export or correct "
+            "wrote last.",
         ),
     ] = None,
     force: Annotated[
         bool,
         typer.Option(
-            "--force",
-            help="Import although it is already imported or measured, or the wrong stage.",
+            "--force", help="Import even if such shots are already there, or if the stage is wrong."
         ),
     ] = False,
 ) -> None:
@@ -123,21 +131,22 @@ def command(
 
     and may go on with set, theta_deg, sxx, sxy, sxz, syy, syz, szz (mm²), temperature_degC, time,
     and session: a number of the tracker's station.
-    Pairs of the set "validation" are never used by the fit and validate it; the default is
-    "identification". "known-length" are the ends of a bar of known_lengths in campaign.yaml,
-    without joints.
+    The set is "identification", which is the default, "validation", for pairs that the fit never
+    uses and that validate it, or "known-length", for the ends of a bar of known_lengths in
+    campaign.yaml, without joints.
 
     Shots that cannot be from this robot are refused with the cause: points in another unit or in a
     mirrored frame, joints in radians or with another sign or order, a point farther from where the
     nominal robot puts it than gate.distance_mm in campaign.yaml.
 
-    A point export of tracker software (SpatialAnalyzer, OpenIndy, Leica) is read with a file of
-    the --joints of each point. Its header states columns, unit, uncertainties and times.
+    A point export of tracker software (SpatialAnalyzer, OpenIndy, Leica) is read together with
+    --joints, a file with the joints of each point. The export's header states columns, unit,
+    uncertainties and times.
 
     With --stage the shots are a validation, as `pkmcal validate` measures it: pairs of the set
-    "validation", then the default, and the sets rotation, straightness, repeatability and iso-cube.
-    The controller's parameters are declared, not read, and the report says so. Exit code 1 has the
-    same meaning as for `pkmcal validate`.
+    "validation", which is the default here, and the sets rotation, straightness, repeatability and
+    iso-cube. The controller's parameters are declared, not read, and the report says so. Exit code
+    1 has the same meaning as for `pkmcal validate`.
 
     The journal keeps the files' names and sha256, and the report shows them.
 

@@ -34,9 +34,10 @@ def command(terminal: Terminal, folder: NewFolder, options: NewOptions) -> None:
     campaign.yaml explains each of its keys. With --controller and --tracker the campaign is for a
     real cell, otherwise for a simulated one, whose errors are listed in cell.yaml.
 
-    One of them may be sim://SCENARIO, to rehearse with the other: the simulated tracker then
-    measures a robot that stands at the real controller's joints. A device may be by-hand, and a
-    tracker file:NAME.
+    One of the two addresses may be sim://SCENARIO, to rehearse with the other device: a simulated
+    tracker then measures a robot that stands at the real controller's joints. An address may also
+    be by-hand, for a device that the operator works, and that of the tracker file:NAME, a file to
+    which its software writes each point.
 
     With --offline no device is ever connected: the robot's own controller and the tracker's own
     software measure, and `pkmcal import` reads their files.

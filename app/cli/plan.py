@@ -57,14 +57,16 @@ def command(
 ) -> None:
     """Choose the poses to measure and write plan.csv.
 
-    Pairs for the identification, hold-out pairs all over the workspace that the fit never uses, and
-    one pose at start, middle and end that shows drift. Every pose and every path is checked.
+    The plan has pairs for the identification; hold-out pairs all over the workspace, which the fit
+    never uses; and one pose at start, middle and end, which shows drift. Every pose and every path
+    is checked.
 
     Predicts, before anything moves, the uncertainty of positions and parameters. Defaults: `plan`
-    in campaign.yaml. plan.csv may be edited and is checked again; an older one is kept.
+    in campaign.yaml. You may edit plan.csv: every command checks it again. An older plan.csv is
+    kept under another name.
 
-    --program csv writes it as a table of poses and joints, by safe paths, for a controller that is
-    not connected.
+    --program csv writes the plan as a table of poses and joints, along safe paths, for a controller
+    that is not connected.
 
     pkmcal plan cell-3 --shots 60
     pkmcal plan cell-3 --until 0.02

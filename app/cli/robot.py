@@ -28,7 +28,10 @@ Kind = Annotated[str, typer.Argument(metavar="MECHANISM", help=f"One of {', '.jo
 Base = Annotated[float, _length("Radius on which the motors or rails stand.")]
 Platform = Annotated[
     float,
-    _length("Radius of the platform's joints; of two parts, half the way between a part's two."),
+    _length(
+        "Radius of the platform's joints; if it has two parts: half the distance between the two "
+        "joints of a part."
+    ),
 ]
 Forearm = Annotated[float, _length("Length of the forearms (rods).")]
 Arm = Annotated[float | None, _length("Length of the cranks.")]

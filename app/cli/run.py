@@ -53,9 +53,9 @@ def command(
     back; then the pair is measured again. A pose that cannot be measured is deferred, tried once
     more at the end, and otherwise skipped. --dry shows what is left and what would stop the run.
 
-    The screen shows how surely positions are known by the shots so far (1 σ on average, by the
-    model that identify fits). --until ends the run when that is enough; a later run without it
-    measures the rest.
+    The screen shows how uncertain positions are after the shots so far (mean 1 σ, with the model
+    that identify fits). --until ends the run when this σ is small enough; a later run without
+    --until measures the rest.
 
     pkmcal run cell-3
     pkmcal run cell-3 --until 0.02 --retry 5 --yes

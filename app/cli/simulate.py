@@ -35,7 +35,7 @@ Robot = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="A shipped robot or a robot file, of which the cell becomes one.",
+        help="A shipped robot or a robot file: the cell becomes one of its kind.",
         show_default="the scenario's",
         autocompletion=COMPLETED_ROBOT,
     ),

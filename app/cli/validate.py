@@ -39,20 +39,20 @@ def command(
 ) -> None:
     """Measure how accurate the robot is as its user commands it.
 
-    Distances between the plan's validation pairs; motion of the point while only the plate turns;
-    straightness along x, y and z; repeatability of approaches from all sides; and, from the shots
-    of the distances, absolute accuracy in the tracker's frame. With --only iso9283, pose
-    accuracy AP and repeatability RP as the standard defines them: 30 visits from one direction to
-    each of five poses in the largest cube; together with --only distances, the base frame is that
-    of the pairs. Poses are commanded, so the controller's own parameters are tested. They are read
-    first: with the nominal parameters it is not "after", with any others not "before". Tests
-    measured before calibration are measured again only with consent.
+    The tests: distances between the plan's validation pairs; motion of the point while only the
+    plate turns; straightness along x, y and z; repeatability of approaches from all sides; and,
+    from the shots of the distances, absolute accuracy in the tracker's frame. With --only iso9283,
+    pose accuracy AP and repeatability RP as the standard defines them: 30 visits from one direction
+    to each of five poses in the largest cube; together with --only distances, the base frame is
+    that of the pairs. Poses are commanded, so the controller's own parameters are tested. They are
+    read first: with the nominal parameters --stage after is refused, with any others --stage
+    before. Tests measured before calibration are measured again only with consent.
 
     With --by targets nothing is loaded: the controller keeps its nominal parameters, corrected
     poses are commanded, as `pkmcal correct` writes them, and errors are relative to the wanted
     poses.
 
-    Exit code 1: a limit under `acceptance` in campaign.yaml is not kept beyond doubt, distances
+    Exit code 1: a limit under `acceptance` in campaign.yaml is not met beyond doubt, distances
     after loading are worse than before, or, with --stage after, the campaign as a whole does not
     pass. A missing limit is reported, but is no reason for exit code 1.
     """

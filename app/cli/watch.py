@@ -20,8 +20,8 @@ Host = Annotated[
     str,
     typer.Option(
         metavar="NAME",
-        help="Address to serve at: this machine only, or, for other machines, 0.0.0.0 or its own "
-        "address; the page's address then has a token.",
+        help="Address to serve at. 127.0.0.1: this machine only. 0.0.0.0 or this machine's own "
+        "address: other machines, too; the page's address then has a token.",
     ),
 ]
 

@@ -35,31 +35,34 @@ class StudyOptions:
     campaigns: Annotated[
         int,
         Option(
-            "Campaigns in all, those already there included.", metavar="N", least=2, most=100_000
+            "Number of campaigns, including those of earlier calls.",
+            metavar="N",
+            least=2,
+            most=100_000,
         ),
     ]
-    plan: Annotated[Path | None, Option("A plan, if not the plan.csv in DIR.", metavar="FILE")] = (
-        None
-    )
+    plan: Annotated[
+        Path | None, Option("Plan to simulate. Default: plan.csv in DIR.", metavar="FILE")
+    ] = None
     scenario: Annotated[
         str | None,
         Option(
-            "Whose tracker and noise to simulate, if not those of the campaign's own cell.",
+            "Scenario whose tracker and noise are simulated. Default: the campaign's own cell.",
             metavar="NAME",
         ),
     ] = None
     fix: Fixed = ()
     seed: Annotated[int, Option("Seed of all that is drawn.", metavar="N", least=0)] = 1
     workers: Annotated[
-        int | None, Option("Local processes.", metavar="N", least=1, default="one a processor")
+        int | None, Option("Number of local processes.", "N", least=1, default="one per processor")
     ] = None
     scheduler: Annotated[
         str | None,
-        Option("Dask scheduler whose workers compute, not this computer.", metavar="URL"),
+        Option("Dask scheduler, whose workers compute instead of this computer.", metavar="URL"),
     ] = None
-    to: Annotated[Path | None, Option("Where tables go, if not DIR/study.", metavar="FOLDER")] = (
-        None
-    )
+    to: Annotated[
+        Path | None, Option("Folder for the tables. Default: DIR/study.", metavar="FOLDER")
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -35,24 +35,24 @@ Model = Annotated[
 Freed = Annotated[
     tuple[str, ...],
     Option(
-        "With --model paper, fit these too: a parameter, pattern or group, 'arm*.azimuth_deg'; "
-        "repeatable.",
+        "With --model paper, fit these too: a parameter, a pattern ('arm*.azimuth_deg') or a "
+        "group; repeatable.",
         metavar="NAME",
     ),
 ]
 Fixed = Annotated[
     tuple[str, ...],
     Option(
-        "Keep these at their nominal values: a parameter, pattern or group, 'arm1.*', "
-        "eccentricity; repeatable.",
+        "Keep these at their nominal values: a parameter, a pattern ('arm1.*') or a group "
+        "(eccentricity); repeatable.",
         metavar="NAME",
     ),
 ]
 Priors = Annotated[
     tuple[str, ...],
     Option(
-        "Tolerance (1 σ, in mm, deg or ppm) instead of robot.yaml's, 'arm*.arm_mm=0.05'; "
-        "repeatable.",
+        "Tolerance (1 σ, in mm, deg or ppm) instead of that in robot.yaml, such as "
+        "'arm*.arm_mm=0.05'; repeatable.",
         metavar="NAME=σ",
     ),
 ]
@@ -87,7 +87,7 @@ class IdentificationOptions:
     shots: Annotated[
         tuple[int | None, int | None],
         Option(
-            "Use only these shots, by number: 0-60, -60 or 61-; after a change.",
+            "Use only shots with these numbers, 0-60, -60 or 61-, if the robot changed in between.",
             metavar="A-B",
             name="--only-shots",
             read=range_of,
@@ -99,7 +99,8 @@ class IdentificationOptions:
     hold_out: Annotated[
         float,
         Option(
-            "Keep this share of the pairs out of the fit, 20%: for data without a validation set.",
+            "Keep this share of the pairs out of the fit, such as 20%, for data without a "
+            "validation set.",
             metavar="SHARE",
             read=share_of,
             typed="0%",
