@@ -154,8 +154,6 @@ def test_every_page_and_heading_that_the_software_names_exists():
 @pytest.mark.parametrize(
     ("file", "page"),
     [
-        ("campaign.yaml", "docs/reference/files.md#campaignyaml"),
-        ("robot.yaml", "docs/reference/files.md#robotyaml"),
         ("cell.yaml", "docs/reference/files.md#cellyaml"),
         ("plan.csv", "docs/reference/files.md#plancsv"),
     ],

@@ -16,8 +16,7 @@ from drivers.emscon.tracker import EmsconTracker
 from drivers.robotline import LineRobot, RobotlineDeadlines
 
 SMALL = {"acceptance": {}, "plan.shots": 24, "plan.validation_pairs": 3, **SMALL_TESTS}
-SMALL_SHOTS = 33
-"""Shots of the small plan: identification, three unseen pairs and three of drift."""
+"""33 shots: identification, three unseen pairs and three of drift."""
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 FAST = {
     "speed_up": 1000,

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from command_line import SMALL_TESTS, change
 from family_cases import MEMBERS
 
-from app.main import run_command
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
@@ -29,28 +27,18 @@ WITH_HALVES = [each for each in MEMBERS if len(each.mechanism.task) > 3]
 all_members = pytest.mark.parametrize("member", MEMBERS, ids=lambda each: each.name)
 
 
-@pytest.fixture(scope="session")
-def new_once(tmp_path_factory):
-    """New campaigns on a simulated cell, by mechanism."""
-    made = {}
-
-    def folder_of(member):
-        if member.name not in made:
-            folder = tmp_path_factory.mktemp(member.name) / "small"
-            words = ["--robot", member.name, "--scenario", "paper-simulation"]
-            assert run_command(["new", str(folder), *words]) == 0
-            change(folder / "campaign.yaml", SMALL)
-            change(folder / "cell.yaml", FAST)
-            made[member.name] = folder
-        return made[member.name]
-
-    return folder_of
-
-
 @pytest.fixture
-def new(new_once, tmp_path):
-    """Copies a member's new campaign."""
-    return lambda member: shutil.copytree(new_once(member), tmp_path / member.name)
+def new(pkmcal, tmp_path):
+    """Makes a member's new campaign on a simulated cell."""
+
+    def make(member):
+        words = ("--robot", member.name, "--scenario", "paper-simulation")
+        assert pkmcal("new", tmp_path / member.name, *words).code == 0
+        change(tmp_path / member.name / "campaign.yaml", SMALL)
+        change(tmp_path / member.name / "cell.yaml", FAST)
+        return tmp_path / member.name
+
+    return make
 
 
 @pytest.mark.parametrize("member", WITH_HALVES, ids=lambda each: each.name)

@@ -9,7 +9,11 @@ from pathlib import Path
 
 ANOTHER = Path(__file__).parents[1] / "data" / "journal-v2.db"
 """A whole journal, of another campaign."""
-Harm = Callable[[Path], None]
+Harm = Callable[[Path], object]
+
+
+def log_of(path: Path) -> Path:
+    return path.with_name(f"{path.name}-wal")
 
 
 def delete(path: Path) -> None:
@@ -17,16 +21,8 @@ def delete(path: Path) -> None:
 
 
 def delete_all(path: Path) -> None:
-    for each in path.parent.glob(f"{path.name}*"):
-        each.unlink()
-
-
-def move_away(path: Path) -> None:
-    path.rename(path.with_name("elsewhere.db"))
-
-
-def replace(path: Path) -> None:
-    Path(shutil.copy(ANOTHER, path.with_name("other.db"))).replace(path)
+    for file in path.parent.glob(f"{path.name}*"):
+        file.unlink()
 
 
 def replace_by_copies(path: Path) -> None:
@@ -35,54 +31,24 @@ def replace_by_copies(path: Path) -> None:
         Path(shutil.copy(file, path.with_name("copy"))).replace(file)
 
 
-def truncate(path: Path) -> None:
-    with path.open("r+b") as file:
-        file.truncate(100)
-
-
-def log_of(path: Path) -> Path:
-    return path.with_name(f"{path.name}-wal")
-
-
-def delete_log(path: Path) -> None:
-    log_of(path).unlink()
-
-
-def empty_log(path: Path) -> None:
-    log_of(path).write_bytes(b"")
-
-
-def cut_log(path: Path) -> None:
-    with log_of(path).open("r+b") as file:
-        file.truncate(log_of(path).stat().st_size // 2)
-
-
-def cut_log_by_a_byte(path: Path) -> None:
-    with log_of(path).open("r+b") as file:
-        file.truncate(log_of(path).stat().st_size - 1)
+def shorten_log(path: Path, bytes_lost: int) -> None:
+    log = log_of(path)
+    os.truncate(log, log.stat().st_size - bytes_lost)
 
 
 HARMS: Mapping[str, Harm] = {
-    harm.__name__: harm
-    for harm in (
-        delete,
-        delete_all,
-        move_away,
-        replace,
-        replace_by_copies,
-        truncate,
-        delete_log,
-        empty_log,
-        cut_log,
-        cut_log_by_a_byte,
-    )
+    "delete": delete,
+    "delete_all": delete_all,
+    "move_away": lambda path: path.rename(path.with_name("elsewhere.db")),
+    "replace": lambda path: Path(shutil.copy(ANOTHER, path.with_name("other.db"))).replace(path),
+    "replace_by_copies": replace_by_copies,
+    "truncate": lambda path: os.truncate(path, 100),
+    "delete_log": lambda path: log_of(path).unlink(),
+    "empty_log": lambda path: log_of(path).write_bytes(b""),
+    "cut_log": lambda path: shorten_log(path, log_of(path).stat().st_size // 2),
+    "cut_log_by_a_byte": lambda path: shorten_log(path, 1),
 }
 """What loses records, or writes further ones where nobody finds them."""
-
-
-def overwrite(path: Path) -> None:
-    """As `cp` does it: the file stays, its contents are others."""
-    shutil.copyfile(ANOTHER, path)
 
 
 def scribble_in_log(path: Path) -> None:
@@ -91,27 +57,26 @@ def scribble_in_log(path: Path) -> None:
         file.write(b"\xa5" * 64)
 
 
-def change_record(path: Path) -> None:
-    """A digit of a record, by somebody who knows SQLite."""
-    with closing(sqlite3.connect(path)) as viewer, viewer:
-        viewer.execute("DROP TRIGGER a_record_is_never_changed")
-        viewer.execute("UPDATE record SET at_utc = '2001' WHERE id = 2")
+def sql(*statements: str) -> Harm:
+    """Return what a program does that shows databases and has the file open."""
 
+    def viewed(path: Path) -> None:
+        with closing(sqlite3.connect(path, isolation_level=None)) as viewer:
+            for statement in statements:
+                viewer.execute(statement).fetchall()
 
-def change_version(path: Path) -> None:
-    with closing(sqlite3.connect(path, isolation_level=None)) as viewer:
-        viewer.execute("PRAGMA user_version = 99")
+    return viewed
 
 
 FORGERIES: Mapping[str, Harm] = {
-    harm.__name__: harm for harm in (overwrite, scribble_in_log, change_record, change_version)
+    "overwrite": lambda path: shutil.copyfile(ANOTHER, path),  # as `cp` does it: the file stays
+    "scribble_in_log": scribble_in_log,
+    "change_record": sql(
+        "DROP TRIGGER a_record_is_never_changed", "UPDATE record SET at_utc = '2001' WHERE id = 2"
+    ),
+    "change_version": sql("PRAGMA user_version = 99"),
 }
 """What is found out when the file is opened anew."""
-
-
-def touch(path: Path) -> None:
-    path.touch()
-    log_of(path).touch()
 
 
 def link(path: Path) -> None:
@@ -119,36 +84,13 @@ def link(path: Path) -> None:
     path.with_name("linked.db-wal").hardlink_to(log_of(path))
 
 
-def checkpoint(path: Path) -> None:
-    viewed(path, "PRAGMA wal_checkpoint")
-
-
-def checkpoint_and_empty(path: Path) -> None:
-    viewed(path, "PRAGMA wal_checkpoint(TRUNCATE)")
-
-
-def vacuum(path: Path) -> None:
-    viewed(path, "VACUUM", "PRAGMA wal_checkpoint(TRUNCATE)")
-
-
-def bring_back(path: Path) -> None:
-    """A backup, copied over the file in place."""
-    shutil.copyfile(shutil.copy(path, path.with_name("backup.db")), path)
-
-
-def delete_index(path: Path) -> None:
-    path.with_name(f"{path.name}-shm").unlink(missing_ok=True)
-
-
-def viewed(path: Path, *statements: str) -> None:
-    """A program that shows databases has the file open, and tidies it."""
-    with closing(sqlite3.connect(path, isolation_level=None)) as viewer:
-        for statement in statements:
-            viewer.execute(statement).fetchall()
-
-
 HARMLESS: Mapping[str, Harm] = {
-    each.__name__: each
-    for each in (touch, link, checkpoint, checkpoint_and_empty, vacuum, bring_back, delete_index)
+    "touch": lambda path: (path.touch(), log_of(path).touch()),
+    "link": link,
+    "checkpoint": sql("PRAGMA wal_checkpoint"),
+    "checkpoint_and_empty": sql("PRAGMA wal_checkpoint(TRUNCATE)"),
+    "vacuum": sql("VACUUM", "PRAGMA wal_checkpoint(TRUNCATE)"),
+    "bring_back": lambda path: shutil.copyfile(shutil.copy(path, path.with_name("backup")), path),
+    "delete_index": lambda path: path.with_name(f"{path.name}-shm").unlink(missing_ok=True),
 }
 """What leaves every record where it is."""

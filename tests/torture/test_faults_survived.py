@@ -2,12 +2,11 @@
 
 What the journal counts is compared with the simulated tracker's own record: the robot's reflector,
 and the robot where the encoders were read. With `--times`: ten seeds of the hostile cell, against
-the same ones without faults, 20 random scripts of eight faults, ten scripts at the first three
-shots, and a beam broken for 1 to 600 s of the cell's time at each of twelve measurements.
+the same ones without faults, ten scripts at the first three shots, and a beam broken for 1 to 600 s
+of the cell's time at each of twelve measurements.
 """
 
 import json
-import random
 from math import degrees
 
 import pytest
@@ -18,12 +17,9 @@ from campaigns.journal.records import SessionStarted
 
 pytestmark = [pytest.mark.torture, pytest.mark.long]
 
-FAULTS = 8
 SCRIPTED = {"plan.shots": 24, "plan.validation_pairs": 2, "plan.drift_shots": 2}
 """A small plan: 30 shots."""
 CELL = {"tracker.other_reflector_mm": [900.0, 350.0, -420.0], "speed_up": 10_000}
-LATE_S = 1600.0
-"""Longer than any driver waits."""
 NEAR_MM, NEAR_UDEG = 1e-6, 1
 BREAKS_S = (600.0, 1.0, 3.0, 30.0, 90.0)
 
@@ -75,40 +71,6 @@ def broken_beam(at, seconds):
     return {"at_measurement": at, "kind": "beam_break", "seconds": seconds}
 
 
-def random_script(rng):
-    """Eight faults at places of their own, of all kinds that an unattended run may meet.
-
-    No emergency stop: whoever pressed it must start the robot again.
-    """
-    measurements = iter(rng.sample(range(1, 36), FAULTS))
-    moves = iter(rng.sample(range(2, 40), FAULTS))
-    answers = {
-        device: iter(rng.sample(range(20, most), FAULTS))
-        for device, most in (("controller", 500), ("tracker", 200))
-    }
-
-    def wire_fault():
-        device = rng.choice(["controller", "tracker"])
-        kind = rng.choice(["late", "silent", "garbage", "torn", "close"])
-        fault = {"device": device, "at_answer": next(answers[device]), "kind": kind}
-        return fault | {"seconds": LATE_S} if kind == "late" else fault
-
-    def drawn():
-        match rng.choice(["beam", "target", "drive", "stall", "wire", "wire"]):
-            case "beam":
-                return broken_beam(next(measurements), rng.choice([1.0, 5.0, 20.0, 90.0]))
-            case "target":
-                return {"at_measurement": next(measurements), "kind": "wrong_target"}
-            case "drive":
-                return {"at_move": next(moves), "kind": "drive_fault", "seconds": 500.0}
-            case "stall":
-                return {"at_move": next(moves), "kind": "stall"}
-            case _:
-                return wire_fault()
-
-    return [drawn() for _ in range(FAULTS)]
-
-
 WRONG = [{"at_measurement": at, "kind": "wrong_target"} for at in (1, 2, 3)]
 FIRST_SCRIPTS = [
     [WRONG[0], broken_beam(2, 5.0)],
@@ -145,13 +107,6 @@ def test_beam_that_is_broken_for_ten_minutes_only_costs_time(survived, times):
     for seconds in BREAKS_S[:times]:
         for at in range(1, 13) if times > 1 else [3]:
             assert survived(f"break-{seconds:g}-{at}", [broken_beam(at, seconds)]) == 1
-
-
-def test_random_faults_end_in_a_complete_campaign(survived, times):
-    if times == 1:
-        pytest.skip("takes long: only with --times")
-    for number in range(min(times, 20)):
-        survived(f"random-{number}", random_script(random.Random(number)))
 
 
 def test_unrelated_faults_of_a_hostile_cell_are_survived_by_one_command(pkmcal, tmp_path, times):

@@ -20,7 +20,7 @@ from campaigns.journal import database
 from campaigns.journal.journal import Journal, open_journal, read_journal
 from campaigns.journal.records import Event
 
-WRITER = Path(__file__).parents[2] / "support" / "journal_writer.py"
+WRITER = Path(__file__).with_name("journal_writer.py")
 
 
 def noted_until_it_fails(journal: Journal) -> tuple[int, JournalFailed]:
@@ -166,7 +166,9 @@ def test_a_killed_process_no_longer_holds_the_campaign(path: Path) -> None:
 def kill_a_writer(path: Path) -> None:
     """Let another process lock the campaign and write, and kill it after an intent."""
     command = [sys.executable, str(WRITER), str(path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as writer:
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    env = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}  # with tests/support
+    with subprocess.Popen(command, env=env, **pipes) as writer:
         assert writer.stdout is not None
         try:
             assert writer.stdout.readline() == b"intended\n"
