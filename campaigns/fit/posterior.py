@@ -1,11 +1,24 @@
 """Fit of all unknowns at once: the posterior of robot, tracker and scatter.
 
-1. Gauss-Newton with all groups at their tolerances, until steps are below the uncertainty: with
-   the scatter at its tolerance nothing tears the geometry at first.
-2. Sizes of the groups and factors of the noise (`variance_components.py`), in the linearised model.
-3. Gauss-Newton again; 2 and 3 alternate until both rest.
+Theory of operation. Measured points go in with the joints read there, and the model of
+`error_model.py`: a nominal robot with a prior for every source of error. Minimised is
 
-A step that raises the objective, or leads to no assembly, is taken back and quartered.
+    χ² = Σ r_i' W_i r_i + (x - μ)' D (x - μ)
+
+with residuals r_i = predicted - measured point (mm), weights W_i (the inverse covariance of a
+shot), unknowns x in units of their tolerances, and the priors' mean μ and precision D. Neither the
+sizes of the priors nor the noise are known beforehand, so three things alternate:
+
+1. Gauss-Newton with all groups at their tolerances, until steps are below the uncertainty. With the
+   scatter at its tolerance early steps cannot bend the geometry to single bad points.
+2. Sizes of the groups and factors of the noise (`variance_components.py`), in the linearised model.
+3. Gauss-Newton again; 2 and 3 alternate until both have settled.
+
+Out come x, its covariance C = (Σ A'WA + D)⁻¹, sizes and noise. As every source of error has a
+prior, no parameter has to be held and no model to be chosen: what no shot determines stays at
+nominal, with its tolerance as its σ, and C is the whole budget of uncertainty.
+
+A step that raises χ², or leads to no assembly, is taken back and quartered.
 """
 
 from collections.abc import Mapping
@@ -30,36 +43,37 @@ SETTLED_GAIN = 1e-2
 """Gain in χ² of a step that ends the fit: a tenth of a standard deviation."""
 NEAR_GAIN = 1.0
 """Gain of a step below which sizes and noise are estimated: a standard deviation."""
-SIZE_UPDATES = 2
-"""Estimates of sizes and noise at least: the second is at the settled unknowns."""
+LEAST_UPDATES = 2
+"""Least number of estimates of sizes and noise: the second is at the settled unknowns."""
 ALLOWED_RISE = 0.02
 """Rise of χ² that is rounding of the assembly, not a step too far."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prior:
-    """Knowledge from before the shots, beside the tolerances."""
+    """Results from before the shots, beside the tolerances."""
 
     mean: Array | None = None
     """Mean (P,) of a former result, in tolerances; None: nominal."""
     precision: Array | None = None
-    """Precision (P, P) that replaces the tolerances; None: these hold."""
+    """Precision (P, P) of a former result, instead of the tolerances; None: the tolerances hold."""
     factors: Mapping[str, float] = field(default_factory=dict)
     """Factors of the noise's parts by a former result, which stay; empty: they are estimated."""
     lengths: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Source of the tracker as known lengths measured it, instead of its tolerance: value and 1 σ,
-    in its own unit."""
+    """Value and 1 σ of a tracker's source that known lengths measured, instead of its tolerance, in
+    the source's unit: mm, rad or a ratio."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posterior:
-    """The fitted model: estimates with their covariance, sizes, noise, and which shots counted."""
+    """Fitted model: estimates with covariance, sizes and noise, and the shots that counted."""
 
     model: ErrorModel
     observations: Observations
     at: Linearised
+    """The model at the estimates."""
     covariance: Array
-    """Of unknowns in tolerances, added changes and frames, (Q, Q)."""
+    """Covariance of unknowns in tolerances, of added changes and of frames, (Q, Q)."""
     prior: Array
     """Precision (Q, Q) of all priors."""
     components: Components
@@ -70,9 +84,10 @@ class Posterior:
     kept: Mask
     """Shots that counted, (N,)."""
     has_converged: bool
+    """Whether the next step would gain less than 1 in χ²."""
     rounds: int
     measured: tuple[str, ...] = ()
-    """Sources of the tracker that known lengths measured."""
+    """Names of the tracker's sources that known lengths measured."""
 
     @property
     def x(self) -> Array:
@@ -92,7 +107,8 @@ class Posterior:
 
     @property
     def scatter(self) -> tuple[float, float]:
-        """1 σ of the scatter of the robot's point, mm, and of its joints, rad or mm."""
+        """1 σ of the scatter of the robot's point an axis, mm, and of its joints, rad or mm."""
+        # parts of the noise are stated at their tolerances, and factors multiply variances
         factors = self.components.factors
         revolute = self.model.nominal.mechanism.joints[0].is_revolute
         joint = scatter_tolerance_of_joints(revolute=revolute)
@@ -102,9 +118,20 @@ class Posterior:
     def total_noise(self) -> Array:
         """Covariance of each shot, (N, 3, 3)."""
         factors = self.components.factors
-        return np.asarray(sum(factors[part] * own for part, own in self.noise.items()))
+        return np.asarray(
+            sum(factors[part] * covariance for part, covariance in self.noise.items())
+        )
 
 
+# Gauss-Newton solves (A'WA + D) step = -(A'W r + D (x - μ)) with the derivatives A of the
+# residuals. The gain of a step is what χ² falls by it in the linearised model, slope' C slope: 1 is
+# a step of one standard deviation, so that gains measure progress in units of the uncertainty.
+#
+# 1. Begin at nominal with the best frames, or at an earlier posterior of these shots.
+# 2. While gains are above 1, take steps alone: sizes and noise estimated far from the minimum would
+#    be those of the misfit.
+# 3. Then estimate sizes and noise before every step, the first time in more rounds.
+# 4. End when a step gains less than 0.01, after two estimates at least.
 def fit(
     model: ErrorModel,
     observations: Observations,
@@ -121,83 +148,83 @@ def fit(
     """
     prior = prior or Prior()
     kept = np.ones(len(observations), dtype=bool) if kept is None else kept
-    count = 0 if changes is None else changes.shape[2]
+    size = len(model.names) + (0 if changes is None else changes.shape[2])
     if start is None:
         frames, kept = first_frames(model, observations, kept)
         observations = _with_substitutes(observations, kept)
-        x, near = np.zeros(len(model.names) + count), observations.near
+        x, near = np.zeros(size), observations.near
         components = None
     else:
         frames, near, components = start.at.frames, start.at.assembly.unknowns, start.components
         observations = start.observations
-        x = np.concatenate([start.at.x, np.zeros(count)])[: len(model.names) + count]
+        # the earlier posterior may have had other changes: theirs are no more than starting values
+        x = np.concatenate([start.at.x, np.zeros(size)])[:size]
 
     def linear_at(x: Array, frames: tuple[Transform, ...], near: Array) -> LinearModel:
         with np.errstate(all="ignore"):
             at = model.linearise(observations, x, frames, near, changes)
         fixed, deviation = _fixed_prior(model, x, 6 * len(frames), prior)
         noise = noise_parts(model, observations, at.by_joint)
+        # a former result replaces the tolerances, and with them the sizes to be estimated
         groups = {} if prior.precision is not None else model.learned
         return LinearModel(at, noise, kept, deviation, fixed, groups)
+
+    def take_step(state: LinearModel, step: Array) -> LinearModel:
+        at = state.at
+        x, of_frames = at.x + step[:size], step[size:]
+        return linear_at(x, moved_frames(at.frames, of_frames), at.assembly.unknowns)
 
     state = linear_at(x, frames, near)
     if components is None:
         factors = dict.fromkeys(state.noise, 1.0) | dict(prior.factors)
         components = Components(dict.fromkeys(model.learned, 1.0), factors)
-    covariance, step, gain = _step(state, components)
+    solution = state.solve_with(components)
     updates, rounds = 0, 1
-    while rounds < MOST_ROUNDS and not (gain < SETTLED_GAIN and updates >= SIZE_UPDATES):
-        if gain < NEAR_GAIN or updates:
-            first = 12 if not updates else 3
+    while rounds < MOST_ROUNDS and not (solution.gain < SETTLED_GAIN and updates >= LEAST_UPDATES):
+        if solution.gain < NEAR_GAIN or updates:
+            most = 3 if updates else 12
             components = estimate_components(
-                state, components, first, learn_sizes=prior.precision is None
+                state, components, most, learn_sizes=prior.precision is None
             )
             components = replace(components, factors={**components.factors, **prior.factors})
             updates += 1
-            covariance, step, gain = _step(state, components)
-        before = state.objective(components)
-        trial = linear_at(*_moved(state.at, step))
-        while not trial.objective(components) <= before * (1.0 + 1e-6) + ALLOWED_RISE:
+            solution = state.solve_with(components)
+        before, step = state.objective(components), solution.step
+        trial = take_step(state, step)
+        # a step that leads to no assembly has an infinite χ²
+        while trial.objective(components) > before * (1.0 + 1e-6) + ALLOWED_RISE:
             rounds += 1
             if rounds >= MOST_ROUNDS:
                 break
             step = step / 4.0
-            trial = linear_at(*_moved(state.at, step))
+            trial = take_step(state, step)
         else:
             state = trial
-            covariance, step, gain = _step(state, components)
+            solution = state.solve_with(components)
         rounds += 1
     return Posterior(
         model=model,
         observations=observations,
         at=state.at,
-        covariance=covariance,
+        covariance=solution.covariance,
         prior=state.precision(components.sizes),
         components=components,
         noise=state.noise,
         weights=state.weights(components.factors),
         kept=kept,
-        has_converged=gain < NEAR_GAIN,
+        has_converged=solution.gain < NEAR_GAIN,
         rounds=rounds,
         measured=tuple(prior.lengths),
     )
 
 
-def _step(state: LinearModel, components: Components) -> tuple[Array, Array, float]:
-    """Return the posterior covariance, the Gauss-Newton step and its gain in χ²."""
-    return state.solve(state.normal_equations(state.weights(components.factors)), components.sizes)
-
-
-def _moved(at: Linearised, step: Array) -> tuple[Array, tuple[Transform, ...], Array]:
-    """Return unknowns, frames and poses near by after a step (Q,)."""
-    count = len(at.x)
-    return at.x + step[:count], moved_frames(at.frames, step[count:]), at.assembly.unknowns
-
-
+# Unknowns are in tolerances, so that a tolerance is a precision of 1. Learned groups get their
+# precision from their size instead (`LinearModel.precision`), and frames have none: they are flat.
+# A length known to σ, of a source with tolerance τ, is the precision (τ / σ)² about its value / τ.
 def _fixed_prior(
     model: ErrorModel, x: Array, frame_unknowns: int, prior: Prior
 ) -> tuple[Array, Array]:
-    """Return the precision (Q, Q) of what is not learned, and the deviations (Q,) from its mean."""
+    """Return the precision (Q, Q) of priors that are not learned, and all deviations (Q,)."""
     size, count = len(model.names), len(x)
     deviation = np.concatenate([x, np.zeros(frame_unknowns)])
     precision = np.zeros((len(deviation), len(deviation)))
@@ -206,8 +233,8 @@ def _fixed_prior(
         deviation[:size] -= prior.mean
     else:
         learned = {place for places in model.learned.values() for place in places.tolist()}
-        free = [place for place in range(size) if place not in learned]
-        precision[free, free] = 1.0
+        others = [place for place in range(size) if place not in learned]
+        precision[others, others] = 1.0
     changes = np.arange(size, count)
     precision[changes, changes] = 1.0
     for source, (value, std) in prior.lengths.items():
@@ -218,8 +245,10 @@ def _fixed_prior(
     return precision, deviation
 
 
+# Parts V_k of a shot's covariance: the tracker's; s² 1 for the scatter of the robot's point, alike
+# in all directions; σ_q² J J' for the scatter of its joints, with J = ∂point/∂joints.
 def noise_parts(model: ErrorModel, observations: Observations, by_joint: Array) -> dict[str, Array]:
-    """Return the parts of the noise: the tracker's, and the robot's scatter at its tolerance."""
+    """Return the parts of the noise (N, 3, 3): the tracker's, the robot's at its tolerances."""
     revolute = model.nominal.mechanism.joints[0].is_revolute
     joint = scatter_tolerance_of_joints(revolute=revolute)
     point = np.broadcast_to(SCATTER_TOLERANCE_MM**2 * np.eye(3), (len(observations), 3, 3))
@@ -229,6 +258,7 @@ def noise_parts(model: ErrorModel, observations: Observations, by_joint: Array) 
 
 def _with_substitutes(observations: Observations, kept: Mask) -> Observations:
     """Return observations whose unusable rows have another row's joints, so that all assemble."""
+    # the weight of these rows is 0, but a NaN times 0 would be NaN
     if kept.all():
         return observations
     rows = np.where(kept, np.arange(len(kept)), int(np.argmax(kept)))

@@ -1,4 +1,20 @@
-"""Undetermined directions of a posterior, its uncertainty of positions, and their budget."""
+"""Uncertainty of a fit: directions that no shot determines, σ of positions, and its budget.
+
+Theory of operation. The posterior covariance C of all unknowns comes in. It holds more than a user
+asks for, in two ways.
+
+First, some combinations of parameters move no point: motions of the robot's base frame, which the
+tracker's free frame takes back, and combinations that the mechanism hides. They are found as
+directions of practically no information (`null_directions`), are held at nominal, and their
+uncertainty is projected out of the σ of parameters. Geodesy calls this the datum of a free network
+by inner constraints, and the projection S = 1 - ZZ' an S-transformation (Baarda 1973).
+
+Second, positions are of interest up to a motion of the frame, for the robot's base is where its
+users define it. Derivatives of positions lose the part that a frame explains (`without_frame`);
+with what remains, B, the variance of positions is the diagonal of B C B' (`position_std_mm`).
+`budget` splits its mean into shares of the noise and of each prior, by which a reader sees what to
+improve: measure better, or measure more.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +29,8 @@ from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.fit.posterior import Posterior
 
 UNSEEN_TOLERANCES = 300.0
-"""Tolerances along a direction that change points by less than their noise, if no shot shows it."""
+"""Tolerances along a direction by which all points together change by less than their noise, if it
+counts as undetermined."""
 NAMED_SHARE = 0.08
 """Share of an undetermined combination from which a parameter is named as part of it."""
 
@@ -23,36 +40,35 @@ class NullDirections:
     """Combinations of unknowns that no shot determines: they stay at nominal."""
 
     vectors: Array
-    """Orthonormal directions, (P, k), in tolerances."""
+    """Orthonormal directions Z, (P, k), in tolerances."""
     names: tuple[tuple[str, ...], ...]
-    """Parameters of each combination, but for those of the tracker alone."""
+    """Names of the parameters of each combination; combinations of the tracker alone are left
+    out."""
 
     @classmethod
     def spanned_by(cls, vectors: Array, names: tuple[str, ...]) -> Self:
         """Return orthonormal directions (P, k) with the names of the unknowns in each."""
-        return cls(vectors, _named(vectors, names))
+        return cls(vectors, _name_combinations(vectors, names))
 
+    # S-transformation with S = 1 - ZZ': x → S x, C → S C S
     def transform(self, x: Array) -> Array:
         """Return unknowns (P,) in the datum in which these directions are held at nominal."""
         return np.asarray(x - self.vectors @ (self.vectors.T @ x))
 
     def transform_covariance(self, covariance: Array) -> Array:
-        """Return a covariance (P, P) of the unknowns in the datum in which these are held."""
+        """Return the covariance (P, P) of unknowns in the datum that holds these directions."""
         projector = np.eye(len(self.vectors)) - self.vectors @ self.vectors.T
         return np.asarray(projector @ covariance @ projector)
 
 
+# Changes in time are left out: they are events, and no part of the robot's datum. Priors are left
+# out as well, but for known lengths: a direction that a prior alone determines is undetermined.
 def null_directions(posterior: Posterior) -> NullDirections:
-    """Return the directions that neither a shot nor a known length determines.
-
-    What remains are motions of the robot's base frame, and whatever the mechanism hides: inner
-    constraints, the datum of a free network.
-    """
+    """Return the directions that neither a shot nor a known length determines."""
     size = len(posterior.model.names)
     frames = slice(len(posterior.at.x), None)
-    rows = np.concatenate(
-        [posterior.at.jacobian[..., :size], posterior.at.jacobian[..., frames]], axis=2
-    )
+    jacobian = posterior.at.jacobian
+    rows = np.concatenate([jacobian[..., :size], jacobian[..., frames]], axis=2)
     information = marginal_information(shot_information(rows, posterior.weights), size)
     for source in posterior.measured:
         place = posterior.model.names.index(source)
@@ -61,11 +77,13 @@ def null_directions(posterior: Posterior) -> NullDirections:
 
 
 def shot_information(jacobian: Array, weights: Array) -> Array:
-    """Return the information (Q, Q) of shots with derivatives (N, 3, Q) and weights (N, 3, 3)."""
+    """Return the information Σ A'WA (Q, Q) of derivatives (N, 3, Q) and weights (N, 3, 3)."""
     rows = jacobian.reshape(-1, jacobian.shape[2])
     return np.asarray((weights @ jacobian).reshape(rows.shape).T @ rows)
 
 
+# Schur complement N_pp - N_pf N_ff⁻¹ N_fp: what the shots determine of the parameters p if nothing
+# is known of the frames f. Its inverse is the block of the whole inverse.
 def marginal_information(information: Array, size: int) -> Array:
     """Return the information on the first `size` unknowns, the others eliminated."""
     parameters, mixed = information[:size, :size], information[:size, size:]
@@ -73,25 +91,36 @@ def marginal_information(information: Array, size: int) -> Array:
     return np.asarray(parameters - mixed @ np.linalg.solve(frames, mixed.T))
 
 
+# An eigenvalue λ is the χ² by which all shots notice one tolerance along its eigenvector. Below
+# 1 / 300², 300 tolerances along it stay within the noise. With 60 shots of any mechanism exact null
+# directions lie below 3e-6 by rounding, the weakest ones that shots determine above 2e-5.
 def null_directions_of(information: Array, names: tuple[str, ...]) -> NullDirections:
     """Return the directions along which information (P, P) is practically zero."""
     values, vectors = np.linalg.eigh(information)
     return NullDirections.spanned_by(vectors[:, values < UNSEEN_TOLERANCES**-2], names)
 
 
-def _named(null: Array, names: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-    """Return the parameters of the simplest combinations, of which each has one pivot alone."""
+# Any basis of the null space is as good as another, but eigenvectors mix everything with
+# everything. Reduced echelon form: QR with column pivoting picks the k rows of Z (P, k) that are
+# most independent, the pivots; Z times the inverse of these rows has a 1 at one pivot and 0 at the
+# others, so that each combination is one parameter with those that can imitate it.
+def _name_combinations(null: Array, names: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+    """Return the names of the parameters in the simplest combinations that span Z (P, k)."""
     if not null.shape[1]:
         return ()
     pivots = scipy.linalg.qr(null.T, pivoting=True, mode="r")[1][: null.shape[1]]
-    simple = null @ np.linalg.inv(null[pivots])
-    named = (
-        tuple(sorted(names[k] for k in np.flatnonzero(np.abs(column) > NAMED_SHARE)))
-        for column in simple.T
+    echelon = null @ np.linalg.inv(null[pivots])
+    combinations = (
+        tuple(sorted(names[place] for place in np.flatnonzero(np.abs(column) > NAMED_SHARE)))
+        for column in echelon.T
     )
-    return tuple(sorted(own for own in named if not {*own} <= {*TRACKER_SOURCES}))
+    return tuple(
+        sorted(members for members in combinations if not {*members} <= {*TRACKER_SOURCES})
+    )
 
 
+# B = (1 - QQ') ∂X/∂x with an orthonormal basis Q of the six motions of the frame at all positions
+# together: the residual of the best fit of a frame (least squares), for each parameter's column.
 def without_frame(by: Array, positions: Array) -> Array:
     """Return derivatives of positions (M, 3, P) from which every motion of the frame is removed."""
     frame = frame_columns(positions).reshape(-1, 6)
@@ -101,28 +130,34 @@ def without_frame(by: Array, positions: Array) -> Array:
 
 
 def position_std_mm(by: Array, covariance: Array) -> Array:
-    """Return 1 σ of positions, the root of the summed variances of x, y and z, (M,)."""
+    """Return 1 σ of positions, √tr(B C B') with derivatives B (M, 3, P), (M,)."""
     return np.asarray(np.sqrt(((by @ covariance) * by).sum(axis=(1, 2))))
 
 
+# As C⁻¹ = A'WA + D and W = W (Σ φ_k V_k) W,
+#
+#     C = C C⁻¹ C = C (Σ_k φ_k A'W V_k W A + Σ_g D_g) C
+#
+# and each part k of the noise and each group g of priors has a term of its own in B C B'. A part's
+# term is the sum of squares of L'W A C B' with the Cholesky factor L L' = φ V; the 1e-18 mm² lets a
+# singular part, such as noise along the beam alone, be factored.
 def budget(posterior: Posterior, by: Array) -> Mapping[str, float]:
     """Return the mean squares (mm²) that each source gives to positions with derivatives `by`.
 
     `by` (M, 3, P) have the frame's motion removed. The shares add up exactly to the mean square of
-    `position_std_mm`: with posterior covariance C, weights W and the priors' precision D,
-    C = C (Σ_k φ_k A'W V_k W A + Σ_g D_g) C, so each part of the noise and each group has its term.
+    `position_std_mm`.
     """
     size, covariance = len(posterior.model.names), posterior.covariance
-    influence = by.reshape(-1, size) @ covariance[:size]
-    rows = (posterior.weights @ posterior.at.jacobian).reshape(-1, len(covariance))
+    influence = by.reshape(-1, size) @ covariance[:size]  # B C
+    weighted = posterior.weights @ posterior.at.jacobian  # W A, (N, 3, Q)
     points, shares = len(by), {}
     for part, factor in posterior.components.factors.items():
         noise = np.linalg.cholesky(factor * posterior.noise[part] + 1e-18 * np.eye(3))
-        spread = noise.swapaxes(1, 2) @ rows.reshape(-1, 3, len(covariance))
-        shares[part] = float(((spread.reshape(rows.shape) @ influence.T) ** 2).sum()) / points
+        rows = (noise.swapaxes(1, 2) @ weighted).reshape(-1, len(covariance))
+        shares[part] = float(((rows @ influence.T) ** 2).sum()) / points
     groups = (*posterior.model.groups, *("changes",) * (len(posterior.at.x) - size))
     for group in dict.fromkeys(groups):
-        places = [place for place, share in enumerate(groups) if share == group]
+        places = [place for place, member in enumerate(groups) if member == group]
         share = influence[:, places] @ posterior.prior[np.ix_(places, range(len(covariance)))]
         shares[group] = float((share * influence).sum()) / points
     return shares
