@@ -10,7 +10,7 @@ from app.study.running import Studied
 from campaigns.files.table import Column, csv_table
 from campaigns.studies.summary import ParameterSummary, StudySummary
 
-NAMED = 3
+MOST_NAMED = 3
 """Parameters whose σ is wrong, and failures, that are named in a line."""
 SHOWN: tuple[Column[ParameterSummary], ...] = (
     Column("", lambda p: p.name, kind="words"),
@@ -20,7 +20,7 @@ SHOWN: tuple[Column[ParameterSummary], ...] = (
     Column("ratio", lambda p: p.ratio),
     Column("95 %", lambda p: 100.0 * p.covered, decimals=1),
 )
-"""A row a parameter, mm and deg."""
+"""Columns on the screen, with a row for each parameter, mm and deg."""
 TABLE: tuple[Column[ParameterSummary], ...] = (
     Column("parameter", lambda p: p.name, kind="words"),
     Column("bias", lambda p: p.bias),
@@ -29,7 +29,7 @@ TABLE: tuple[Column[ParameterSummary], ...] = (
     Column("ratio", lambda p: p.ratio),
     Column("covered_95", lambda p: p.covered),
 )
-"""The same for programs."""
+"""Columns of the .csv file and of the .json file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,32 +102,36 @@ def show(terminal: Terminal, studied: Studied, summary: StudySummary) -> None:
 
 def honesty(summary: StudySummary) -> str:
     """Say in a line whether the stated σ are true."""
+    # Too small comes first: a σ that promises too much does harm, one that is too large only costs.
     if summary.too_sure:
         worst = sorted(summary.too_sure, key=lambda p: p.ratio, reverse=True)
-        return f"stated σ are too small: {_named(worst)}"
+        return f"stated σ are too small: {_names(worst)}"
     if summary.too_unsure:
         worst = sorted(summary.too_unsure, key=lambda p: p.ratio)
-        return f"stated σ are larger than need be: {_named(worst)}"
+        return f"stated σ are larger than need be: {_names(worst)}"
     low, high = summary.chance["ratio"]
     return (
-        f"stated σ are true, as far as {summary.campaigns} campaigns tell "
+        f"stated σ are true, as far as {summary.campaigns} campaigns show "
         f"(ratios from {max(low, 0.0):.3f} to {high:.3f} may be chance)"
     )
 
 
 def shortcomings(studied: Studied) -> Iterator[str]:
-    """Yield how many campaigns have no estimate or were lost, why, and what to do."""
+    """Yield the numbers of campaigns that have no estimate or were lost, why, and a remedy."""
+    # Campaigns without an answer are an outcome: the same seed fails again. Lost ones are not.
     reasons = Counter(row.failure for row in studied.rows if row.failure)
     if reasons:
-        worded = "; ".join(f"{count} × {reason}" for reason, count in reasons.most_common(NAMED))
+        worded = "; ".join(
+            f"{count} × {reason}" for reason, count in reasons.most_common(MOST_NAMED)
+        )
         yield f"{sum(reasons.values())} campaigns without an answer: {worded}"
     if studied.lost:
-        why = "; ".join(studied.reasons[:NAMED])
+        why = "; ".join(studied.reasons[:MOST_NAMED])
         yield f"{studied.lost} campaigns lost: {why} → the same command tries them again"
 
 
-def _named(parameters: Sequence[ParameterSummary]) -> str:
-    named = [f"{p.name} found {p.ratio:.2f} × stated" for p in parameters[:NAMED]]
-    if len(parameters) > NAMED:
-        named.append(f"and {len(parameters) - NAMED} more")
+def _names(parameters: Sequence[ParameterSummary]) -> str:
+    named = [f"{p.name} found {p.ratio:.2f} × stated" for p in parameters[:MOST_NAMED]]
+    if len(parameters) > MOST_NAMED:
+        named.append(f"and {len(parameters) - MOST_NAMED} more")
     return ", ".join(named)

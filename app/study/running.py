@@ -1,4 +1,11 @@
-"""Simulation of the campaigns that a study's table lacks, by processes here or a Dask cluster."""
+"""Simulation of the campaigns that a study's table lacks, by processes here or a Dask cluster.
+
+Campaigns are independent of each other, so they are handed out in parts of 25: to this process, to
+local worker processes, or to the workers of a Dask scheduler. All three are used through an
+executor of the standard library's kind, and give the same numbers. An error in a part
+costs that part alone; a worker that is killed costs all parts that had not come back. Lost
+campaigns are reported, and a later call computes them, since the table lacks them.
+"""
 
 import os
 import signal
@@ -23,6 +30,7 @@ from campaigns.studies.summary import StudySummary, summarise
 from campaigns.studies.table import StudyTable
 
 CAMPAIGNS_A_PART = 25
+"""Campaigns that are handed out together: seconds of work, lost at most if it is interrupted."""
 KILLED = "a process that computed was killed"
 
 Numbers: TypeAlias = Sequence[int]
@@ -41,7 +49,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Studied:
-    """Campaigns of a study, and how many were lost on the way."""
+    """Campaigns of a study, and the number that were lost."""
 
     study: Study
     rows: Sequence[CampaignRow]
@@ -63,13 +71,18 @@ class Studied:
 
 
 def run_study(study: Study, table: StudyTable, wanted: range, executor: Executor | None) -> Studied:
-    """Simulate what a table lacks of the wanted campaigns, and show how many are done.
+    """Simulate the wanted campaigns that a table lacks, and show how many are done.
 
-    Raise `OutputExists` and `WriteFailed`; what had come back until then is kept.
+    Raise `OutputExists` and `WriteFailed`; campaigns that had come back until then are kept.
     """
+    # 1. Read the table, and write it at once: that removes a line that was cut off, to which the
+    #    next row would be appended, and fails before hours of work if the disk is full.
+    # 2. Append each part as it comes back.
+    # 3. Write the table again, in the order of numbers.
     table.read()
     missing = [number for number in wanted if number not in table.by_number]
-    parts = [missing[at : at + CAMPAIGNS_A_PART] for at in range(0, len(missing), CAMPAIGNS_A_PART)]
+    starts = range(0, len(missing), CAMPAIGNS_A_PART)
+    parts = [missing[start : start + CAMPAIGNS_A_PART] for start in starts]
     lost, reasons = 0, dict[str, None]()
     table.write()
     console = Console(stderr=True, highlight=False)
@@ -89,15 +102,17 @@ def run_study(study: Study, table: StudyTable, wanted: range, executor: Executor
 def simulated_parts(
     simulate: Simulate, parts: Sequence[Numbers], executor: Executor | None
 ) -> Iterator[Part]:
-    """Yield parts as they come from an executor's processes; without one from this process.
+    """Yield parts as they come from an executor's processes, or without an executor from this one.
 
-    When a local process is killed, what had not come back is lost.
+    If a local process is killed, all parts that had not come back are lost.
     """
     if executor is None:
-        yield from (_tried(simulate, numbers) for numbers in parts)
+        yield from (_simulate_part(simulate, numbers) for numbers in parts)
         return
-    futures = {executor.submit(_tried, simulate, numbers): numbers for numbers in parts}
+    futures = {executor.submit(_simulate_part, simulate, numbers): numbers for numbers in parts}
     for future in as_completed(futures):
+        # Errors of a simulation come back as a part. One of the future itself means that its
+        # process, or the way to it, is gone.
         error = future.exception()
         if error is None:
             yield future.result()
@@ -139,8 +154,8 @@ def cluster(scheduler: str) -> Iterator[Executor]:
         yield client.get_executor()
 
 
-def _tried(simulate: Simulate, numbers: Numbers) -> Part:
-    """Simulate where the work is done: whatever goes wrong there costs this part alone."""
+def _simulate_part(simulate: Simulate, numbers: Numbers) -> Part:
+    """Simulate campaigns in the worker; an error there costs this part alone."""
     try:
         return Part(numbers, simulate(numbers))
     except Exception as error:  # noqa: BLE001 - it is reported, and can be computed again
@@ -148,15 +163,18 @@ def _tried(simulate: Simulate, numbers: Numbers) -> Part:
 
 
 def _serve(parent: int) -> None:
-    """Let only the first process act on Ctrl-C, and end with it.
+    """Prepare a worker: ignore Ctrl-C, which the first process acts on, and end with that process.
 
     Workers of a process that was killed would wait for ever to hand over their results.
     """
+    # A terminal sends Ctrl-C to all processes of the group. The first one shuts the workers down.
+    # A killed parent can send nothing, so each worker watches whether it still has the same one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
 def _end_with(parent: int) -> None:
+    """End this process as soon as its parent is another one."""
     while os.getppid() == parent:
         time.sleep(1.0)
     os._exit(1)

@@ -1,4 +1,10 @@
-"""Setup of a study: its options, plan, robots and noise."""
+"""Setup of a study: its options, plan, robots and noise, from a campaign's files.
+
+The plan gives joints and sides of approach, the campaign's robot file geometry and tolerances, the
+scenario the tracker's place and its noise. Together they are a `StudySetup`, which every worker
+gets; the table's first line holds a digest of it, so that a table is only continued by the study
+that began it.
+"""
 
 import hashlib
 import re
@@ -85,6 +91,8 @@ class Study:
 
     def table_head(self) -> dict[str, object]:
         """Return the first line of its table, with twelve characters that differ by study."""
+        # Everything that changes a campaign's numbers goes into the digest, the version too: two
+        # versions may fit differently. The number of campaigns does not, for a study may grow.
         setup, model = self.setup, self.setup.model()
         words = (VERSION, setup.nominal.mechanism.name, model.names, setup.seed, setup.spread)
         hashed = hashlib.sha256(repr((*words, setup.options.instrument)).encode())
@@ -105,7 +113,7 @@ class Study:
 
 
 def study_of(campaign: Campaign, asked: StudyOptions) -> Study:
-    """Return the study of a campaign by these options.
+    """Return the study of a campaign with these options.
 
     Raise `ConfigInvalid` for a robot that cannot be simulated, `PlanInvalid`, `ScenarioInvalid` and
     `OptionsInvalid`.
@@ -148,8 +156,10 @@ def study_scenario(campaign: Campaign, name: str | None) -> Scenario:
 def _noise_of(scenario: Scenario, campaign: Campaign) -> TrackerUncertainty:
     """Return the simulated tracker's noise, with the common errors that the campaign expects.
 
-    Raise `OptionsInvalid` when there is none.
+    Raise `OptionsInvalid` for a tracker without noise.
     """
+    # Scatter of each point as the scenario draws it; common errors (scale, axes, reflector) by the
+    # campaign's data sheet, since the fit gets its priors from there.
     noise = TrackerUncertainty.of_limits(**scenario.tracker.noise.data_sheet)
     if min(noise.along_mm + noise.along_per_mm, noise.across_mm + noise.across_per_mm) <= 0.0:
         raise OptionsInvalid(
@@ -166,6 +176,7 @@ def _noise_of(scenario: Scenario, campaign: Campaign) -> TrackerUncertainty:
 
 
 def _workspace_of(campaign: Campaign) -> Array:
+    """Return the poses at which positions are judged; raise `OptionsInvalid` for too few."""
     workspace = campaign.workspace_sample()
     if workspace is None:
         raise OptionsInvalid(
@@ -177,6 +188,7 @@ def _workspace_of(campaign: Campaign) -> Array:
 
 def _check_assembled(plan: Path, nominal: Kinematics, shots: Sequence[PlannedShot]) -> None:
     """Raise `PlanInvalid` for a shot that the nominal robot cannot take."""
+    # Else each campaign would fail by itself, without the shot's number.
     if not shots:
         return
     can_assemble = nominal.forward(joints_of(shots)).is_solved

@@ -1,8 +1,19 @@
-"""Simulated campaigns of a study: robots and noise are drawn, each is fitted as by `identify`.
+"""Simulated campaigns of a study: a Monte Carlo test of a plan, and of the stated σ.
 
-Robots are drawn as the fit expects them: geometry about its nominal values, every other source of
-error at its tolerance. So the stated σ must be true if they are worked out rightly, and the study
-shows what a plan gives. Robots of another kind are simulated by `dry-run`.
+A study answers two questions. How well will this plan identify the robot? And are the σ that an
+identification states true? For each of N campaigns
+
+1. draw a true robot: geometry about its nominal values, every other source of error from its
+   tolerance, as the fit's prior supposes, and the tracker's common errors;
+2. compute the points that it reaches at the joints of the plan, and add drawn noise;
+3. fit these shots exactly as `identify` does;
+4. compare with the truth, which only a simulation has: errors of the parameters beside their
+   stated σ, and errors of positions over the workspace beside the stated ones.
+
+The robots are of the kind that the fit expects, so the statistics must be right if the mathematics
+is; robots made of single rods, which share no equation with the fit, are simulated by `dry-run`.
+Each campaign has a random generator of its own, made from seed and number: the same number gives
+the same campaign in whatever process and order it is simulated.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -30,7 +41,7 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
 Noise = Callable[[Array, np.random.Generator], Array]
-"""Errors (N, 3), mm, of an instrument of one's own at points (N, 3) in its frame."""
+"""Errors (N, 3), mm, of a user's instrument at points (N, 3) in the tracker's frame."""
 SPREAD = (1.0, 0.1)
 """1 σ of the drawn geometry about nominal, mm and deg: a robot that was set up with care."""
 FEWEST_SHOTS = 6
@@ -53,7 +64,7 @@ class StudySetup:
     spread: tuple[float, float] = SPREAD
     """1 σ of the drawn geometry about nominal, mm and deg."""
     noise: Noise | None = None
-    """What the instrument really does; None: what it states."""
+    """Real errors of the instrument; None: drawn from the covariance that it states."""
 
     def model(self) -> ErrorModel:
         """Return the model of all sources of error that every campaign is fitted with."""
@@ -64,7 +75,7 @@ class StudySetup:
 class CampaignEstimate:
     """Estimate of one campaign beside the truth, in file units (mm, deg, ppm).
 
-    Of combinations of parameters that no shot determines, errors and σ have no part.
+    Combinations of parameters that no shot determines are left out of errors and σ.
     """
 
     errors: tuple[float, ...]
@@ -74,7 +85,7 @@ class CampaignEstimate:
     position_mm: float
     """Real error of positions over the workspace after the best fit of the frame, rms."""
     stated_mm: float
-    """Error of positions as it is stated."""
+    """Stated error of positions over the workspace, rms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,28 +93,34 @@ class CampaignRow:
     """Outcome of a campaign: an estimate, or why there is none."""
 
     campaign: int
-    """Number."""
+    """Number of the campaign."""
     failure: str = ""
     estimate: CampaignEstimate | None = None
 
 
 def simulate_campaigns(setup: StudySetup, numbers: Sequence[int]) -> Iterator[CampaignRow]:
     """Draw, measure and identify the campaigns of these numbers, each by its own seed."""
+    # A drawn robot that cannot be assembled at some shot, or a fit that fails, is an outcome of
+    # its own: it must not end the other campaigns, and it must be counted.
     model = setup.model()
     for number in numbers:
         rng = np.random.default_rng([setup.seed, number])
         try:
-            yield CampaignRow(number, estimate=_estimate(setup, model, rng))
+            yield CampaignRow(number, estimate=_simulate(setup, model, rng))
         except (NoSolution, CampaignError, ValueError, np.linalg.LinAlgError) as error:
             yield CampaignRow(number, failure=str(error))
 
 
-def _estimate(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) -> CampaignEstimate:
-    true = _drawn(setup, model, rng)
+def _simulate(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) -> CampaignEstimate:
+    """Draw a robot, measure it and identify it, as numbered in the module's head."""
+    true = _draw_unknowns(setup, model, rng)
     robot = model.kinematics(true)
+    # The recorded joints are those of the plan; the true robot is elsewhere at them. Its pose near
+    # the commanded one is the assembly that the controller would drive.
     poses = robot.forward(setup.shots.joints, setup.shots.commanded, setup.shots.approach)
     points = setup.tracker_from_base.apply(poses.values_or_raise()[:, :3])
-    points = points + _instrument_errors(model, true, points) + _noise(setup, points, rng)
+    points = points + _instrument_errors(model, true, points) + _draw_noise(setup, points, rng)
+    # From here on as `identify`: only points, stated covariances and the nominal robot are used.
     covariance = point_covariance_mm2(points, setup.options.instrument)
     shots = replace(setup.shots, points_in_tracker_mm=points, stated_covariance_mm2=covariance)
     near = setup.nominal.forward(shots.joints, approach=shots.approach).values_or_raise()
@@ -118,8 +135,10 @@ def _estimate(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) ->
     )
 
 
-def _drawn(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) -> Array:
+def _draw_unknowns(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) -> Array:
     """Draw the true unknowns of a campaign, (P,) in tolerances."""
+    # Geometry's prior is broad on purpose (5 mm, 5°): robots drawn from it would be off by
+    # centimetres. Its groups, the ones that are not learned, get the study's spread instead.
     scale = np.ones(len(model.names))
     table = setup.nominal.mechanism.parameters
     for place, (name, group) in enumerate(zip(model.parameters, model.groups, strict=False)):
@@ -132,6 +151,8 @@ def _drawn(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) -> Ar
 
 def _instrument_errors(model: ErrorModel, true: Array, points: Array) -> Array:
     """Return the errors (N, 3), mm, that all points of the drawn tracker have in common."""
+    # Scale, transit axis and reflector's constant: one drawn number each for the whole campaign,
+    # so no averaging over shots removes them. They move the points, not the robot.
     errors = np.zeros_like(points)
     for source, column in tracker_columns(points).items():
         if source in model.names:
@@ -140,15 +161,19 @@ def _instrument_errors(model: ErrorModel, true: Array, points: Array) -> Array:
     return errors
 
 
-def _noise(setup: StudySetup, points: Array, rng: np.random.Generator) -> Array:
+def _draw_noise(setup: StudySetup, points: Array, rng: np.random.Generator) -> Array:
+    """Draw the noise (N, 3), mm, of the points: as stated, or by the user's instrument."""
     if setup.noise is not None:
         return setup.noise(points, rng)
+    # With V = L L', L times a standard normal vector has the covariance V.
     roots = np.linalg.cholesky(point_covariance_mm2(points, setup.options.instrument))
     return np.asarray((roots @ rng.standard_normal((*points.shape, 1)))[..., 0])
 
 
 def _parameter_errors(posterior: Posterior, true: Array) -> tuple[Array, Array]:
     """Return errors and stated σ of the robot's parameters, (F,), in file units."""
+    # Only the difference to the truth is put into the datum: a shift of all arms together is no
+    # error, since no shot can show it, and σ leaves out the same directions.
     model = posterior.model
     count, null = len(model.parameters), null_directions(posterior)
     off = null.transform(posterior.x - true)
@@ -159,24 +184,28 @@ def _parameter_errors(posterior: Posterior, true: Array) -> tuple[Array, Array]:
 
 def _positions(setup: StudySetup, posterior: Posterior, true: Kinematics) -> tuple[float, float]:
     """Return real and stated errors of positions over the workspace, rms, mm."""
+    # Both robots take the joints of the nominal one at the workspace's poses. The frame of the
+    # identified robot is arbitrary, so the best rigid fit is taken off before the comparison, as
+    # it is in the stated σ.
     identified = posterior.model.kinematics(posterior.x)
     joints = setup.nominal.inverse(setup.workspace).values_or_raise()
     modelled, real = (
         robot.forward(joints, setup.workspace).values_or_raise() for robot in (identified, true)
     )
-    best_fit = fit_transform(modelled[:, :3], real[:, :3]).apply(modelled[:, :3])
+    placed = fit_transform(modelled[:, :3], real[:, :3]).apply(modelled[:, :3])
     judged = judged_at(posterior.model, identified, joints, modelled)
     std = position_std_mm(judged, posterior.model_covariance)
-    return float(np.sqrt(((real[:, :3] - best_fit) ** 2).sum(axis=1).mean())), float(
-        np.sqrt((std**2).mean())
-    )
+    real_mm = float(np.sqrt(((real[:, :3] - placed) ** 2).sum(axis=1).mean()))
+    return real_mm, float(np.sqrt((std**2).mean()))
 
 
 def planned_shots(shots: Sequence[PlannedShot]) -> Shots:
-    """Return the planned shots to identify from, as measured ones whose points are not known yet.
+    """Return the planned shots to identify from, as measured shots whose points are NaN.
 
-    Raise `PlanInvalid` for fewer than place the tracker's frame.
+    Raise `PlanInvalid` for fewer than `FEWEST_SHOTS`.
     """
+    # Each shot's side of approach comes from the whole plan, before the other shots are left out:
+    # the robot passes them too, and backlash depends on where it came from.
     is_wanted = np.array([shot.purpose is ShotSet.IDENTIFICATION for shot in shots], dtype=bool)
     count = int(is_wanted.sum())
     if count < FEWEST_SHOTS:

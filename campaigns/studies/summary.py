@@ -1,4 +1,10 @@
-"""Summary of a study: sizes of errors, and whether the stated σ are true."""
+"""Summary of a study: sizes of errors, and whether the stated σ are true.
+
+For each parameter two figures compare errors with their stated σ: the ratio of their standard
+deviation to the stated one (1 is honest), and the share of 95 % intervals that hold the truth. With
+N campaigns both scatter by chance, so they are judged by limits in which all parameters of an
+honest study lie in 99 % of studies.
+"""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,7 +23,7 @@ COVERAGE_95 = 1.96
 """Half-width of 95 % intervals in σ."""
 LEAST_CAMPAIGNS = 2
 FALSE_ALARM = 0.01
-"""Probability that any parameter of an honest study lies outside the limits of chance."""
+"""Probability that at least one parameter of an honest study lies outside the limits of chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +42,7 @@ class ParameterSummary:
 
     @property
     def ratio(self) -> float:
-        """Empirical over stated; 1 is honest."""
+        """Empirical over stated standard deviation; 1 is honest."""
         return self.std / self.stated_std
 
 
@@ -52,7 +58,7 @@ class StudySummary:
     position_mm: float
     """Real error of positions over the workspace, root mean square over the campaigns."""
     stated_mm: float
-    """Error of positions as the campaigns state it."""
+    """Stated error of positions over the workspace, root mean square over the campaigns."""
 
     def __repr__(self) -> str:
         ratios = [parameter.ratio for parameter in self.parameters]
@@ -63,13 +69,13 @@ class StudySummary:
 
     @property
     def too_sure(self) -> tuple[ParameterSummary, ...]:
-        """Parameters whose stated σ is smaller than their errors say, beyond chance."""
+        """Parameters whose stated σ is too small for their errors, beyond chance."""
         ratio, covered = self.chance["ratio"][1], self.chance["covered_95"][0]
         return tuple(p for p in self.parameters if p.ratio > ratio or p.covered < covered)
 
     @property
     def too_unsure(self) -> tuple[ParameterSummary, ...]:
-        """Parameters whose stated σ is larger than their errors say, beyond chance."""
+        """Parameters whose stated σ is too large for their errors, beyond chance."""
         ratio, covered = self.chance["ratio"][0], self.chance["covered_95"][1]
         return tuple(p for p in self.parameters if p.ratio < ratio or p.covered > covered)
 
@@ -87,6 +93,7 @@ def summarise(free: Sequence[str], rows: Iterable[CampaignRow]) -> StudySummary:
             f"{len(identified)} of {len(rows)} campaigns could be identified",
             remedy=f"ask for more campaigns, or look into: {'; '.join(reasons) or '-'}",
         )
+    # Rows are campaigns, columns parameters. σ are averaged as variances, and so are positions.
     errors = np.array([estimate.errors for estimate in identified])
     stated = np.array([estimate.std for estimate in identified])
     columns = (
@@ -116,15 +123,18 @@ def estimates(rows: Iterable[CampaignRow]) -> list[CampaignEstimate]:
 
 
 def normal_scores(rows: Iterable[CampaignRow]) -> Array:
-    """Return errors over their stated σ, (C, F): standard normal if those are honest."""
+    """Return errors over their stated σ, (C, F): standard normal if the stated σ are true."""
     return np.array([np.divide(row.errors, row.std) for row in estimates(rows)])
 
 
 def chance(parameters: int, campaigns: int) -> dict[str, Interval]:
-    """Return the limits in which an honest study's figures lie, of all parameters, 99 % of times.
+    """Return the limits in which all parameters of an honest study lie in 99 % of studies.
 
     `ratio` is by the normal approximation for σ, `covered_95` by the binomial distribution.
     """
+    # Bonferroni: each parameter gets its part of the false alarms, on each side a half of that.
+    # A standard deviation from C values scatters by about 1 / √(2 C) of itself; the number of
+    # intervals that hold the truth is binomial, with the limits rounded outwards to whole counts.
     tail = FALSE_ALARM / (2.0 * parameters)
     spread = -float(scipy.special.ndtri(tail)) / math.sqrt(2.0 * campaigns)
     few, many = (float(scipy.special.bdtrik(p, campaigns, CONFIDENCE)) for p in (tail, 1.0 - tail))

@@ -1,6 +1,9 @@
-"""Table of a study: its campaigns, a line of JSON each, kept while they come.
+"""Table of a study: its campaigns, a line of JSON each, kept as they are simulated.
 
-Rows are appended as they come and sorted at the end; what a table holds is not simulated again.
+Rows are appended as they come, so a study that is stopped or killed loses at most the line it was
+writing; the same command goes on with the campaigns that the table lacks. At the end the table is
+written again in the order of numbers, so it does not depend on who computed what first. The first
+line names the study: rows of another plan, robot, noise or seed are never mixed with it.
 """
 
 import json
@@ -20,13 +23,13 @@ from drivers.bounded_files import MEGABYTE, FileRefused, is_there, open_file
 MOST_LINE_BYTES = MEGABYTE
 """Longest line that is read, some hundred times what a campaign needs."""
 LINE_END = b"\n"
-ANOTHER = "name another folder with --to, or move this file away"
+OTHER_FOLDER = "name another folder with --to, or move this file away"
 _ROWS = TypeAdapter(CampaignRow)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StudyTable:
-    """File of campaigns; its first line is `head`: `study` in it distinguishes studies."""
+    """File of campaigns; its first line is `head`, whose `study` distinguishes studies."""
 
     path: Path
     head: Mapping[str, Any]
@@ -43,7 +46,7 @@ class StudyTable:
         lines = self._read_lines()
         self._check_head(next(lines, b""))
         for number, line in enumerate(lines, start=2):
-            if not line.endswith(LINE_END):
+            if not line.endswith(LINE_END):  # cut off by the end of a process: simulate it again
                 break
             try:
                 row = _ROWS.validate_json(line)
@@ -57,7 +60,7 @@ class StudyTable:
     def add(self, rows: Iterable[CampaignRow]) -> None:
         """Append rows to what was written; raise `WriteFailed`."""
         try:
-            with self.path.open("ab") as file:
+            with self.path.open("ab") as file:  # bytes: no system's line ends
                 for row in rows:
                     file.write(_line_of(row))
                     self.by_number[row.campaign] = row
@@ -75,6 +78,7 @@ class StudyTable:
 
     def _read_lines(self) -> Iterator[bytes]:
         """Yield each line with its end; the last one may be cut off."""
+        # Bounded, so that a large file without line ends, which is no table, does not fill memory.
         try:
             with open_file(self.path) as file:
                 while line := file.readline(MOST_LINE_BYTES):
@@ -82,14 +86,16 @@ class StudyTable:
                         raise OutputExists(
                             f"{self.path}: a line has more than {MOST_LINE_BYTES / MEGABYTE:g} MB, "
                             "the most that is read of one",
-                            remedy=ANOTHER,
+                            remedy=OTHER_FOLDER,
                         )
                     yield line
         except FileRefused as error:
             raise OutputExists(error.problem, remedy=error.remedy) from error
 
     def _check_head(self, line: bytes) -> None:
-        """Raise `OutputExists` before any row is looked at."""
+        """Raise `OutputExists` if the first line is not this study's head."""
+        # Compared after a round through JSON, which turns tuples into lists. If it differs, say
+        # the coarsest difference: another kind of file, other parameters, or anything else.
         try:
             head = from_json(line)
         except ValueError:
@@ -102,7 +108,7 @@ class StudyTable:
             problem = "belongs to a study of other parameters"
         else:
             problem = "belongs to another study: other plan, robots, noise, model or seed"
-        raise OutputExists(f"{self.path}: {problem}", remedy=ANOTHER)
+        raise OutputExists(f"{self.path}: {problem}", remedy=OTHER_FOLDER)
 
 
 def _line_of(row: CampaignRow) -> bytes:

@@ -147,7 +147,7 @@ def test_screen_and_picture_name_every_parameter(folder, pkmcal):
     picture = folder / "study.svg"
     _, out, _ = pkmcal("study", folder, "--campaigns", 5, "--workers", 1, "--plot", picture)
     assert all(name in out for name in ("arm0.x_mm", "arm3.backlash_deg", "plate_mm"))
-    assert "stated σ are true, as far as 5 campaigns tell" in out
+    assert "stated σ are true, as far as 5 campaigns show" in out
     assert "positions over the workspace (rms): real " in out
     for line in out.splitlines():
         if not line.startswith(("written", "drawn", "positions", "stated σ")):
