@@ -17,8 +17,6 @@ from campaigns.robots.schema import Tolerance
 from campaigns.studies.study import planned_shots
 
 ROBOTS = ("par4-prototype", "delta")
-QUICK = ("delta", pytest.param("par4-prototype", marks=pytest.mark.long))
-"""Of a Par4 many more orders and signs of the joints are tried: seconds a case."""
 SHOTS = 40
 TRACKER_MM = (2400.0, -300.0, -500.0)
 
@@ -41,9 +39,10 @@ def measured(name, seed=1, share=0.3, half=None):
     """
     robot, planned = find_robot(name).robot, shots_of_plan(name)
     space, rng = robot.mechanism.parameters, np.random.default_rng(seed)
+    held = ("tilt", "azimuth")
     limits = np.array(
         [
-            0.0 if "tilt" in each or "azimuth" in each else robot.tolerance.of(space[each])
+            0.0 if any(word in each for word in held) else robot.tolerance.of(space[each])
             for each in space.names
         ]
     )
@@ -59,9 +58,9 @@ def measured(name, seed=1, share=0.3, half=None):
     return replace(planned, points_in_tracker_mm=points).rows(np.flatnonzero(found.is_solved))
 
 
-def complaint(name, shots, place_mm=None, told_half=None, unit="mm"):
+def complaint(name, shots, place_mm=None, file_half=None, unit="mm"):
     nominal = find_robot(name).robot.kinematics
-    nominal = replace(nominal, mechanism=nominal.mechanism.seen_from(told_half))
+    nominal = replace(nominal, mechanism=nominal.mechanism.seen_from(file_half))
     return refusal(
         ShotsInvalid, plausibility.check_shots, nominal, shots, "shots.csv", place_mm, unit
     )
@@ -82,21 +81,18 @@ def on_station(name, *, half=1, columns=None):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("share", [0.1, 1.0])
-def test_robots_within_their_tolerance_are_never_accused(name, seed, share):
-    plausibility.check_shots(
-        find_robot(name).robot.kinematics, measured(name, seed, share), "shots.csv"
-    )
+def test_robots_within_their_tolerance_are_never_accused(name, share):
+    nominal = find_robot(name).robot.kinematics
+    for seed in range(2):
+        plausibility.check_shots(nominal, measured(name, seed, share), "shots.csv")
 
 
 @pytest.mark.parametrize(
     ("factor", "unit", "cause"),
     [
         (1e-3, "mm", "the points look like metres, not mm → import with --unit m"),
-        (0.1, "mm", "the points look like centimetres, not mm → import with --unit cm"),
         (1e3, "m", "the points look like millimetres, not m → import with --unit mm"),
-        (25.4, "inch", "the points look like millimetres, not inch → import with --unit mm"),
         (1e3 / 25.4, "m", "the points look like inches, not m → import with --unit inch"),
         (2.0, "mm", "distances between the points are 2 times those of the nominal robot"),
     ],
@@ -107,37 +103,32 @@ def test_points_in_another_unit_than_they_were_read_in_are_named(factor, unit, c
     assert f"shots.csv: {cause}" in complaint("delta", wrong, unit=unit)
 
 
-@pytest.mark.parametrize(
-    ("factor", "unit", "right"), [(1e-3, "mm", "m"), (1e3, "m", "mm"), (1e3 / 25.4, "m", "inch")]
-)
-def test_mirrored_points_in_another_unit_have_two_causes_each_with_its_remedy(factor, unit, right):
+def test_mirrored_points_are_named_and_in_another_unit_have_two_causes():
     shots = measured("delta")
-    points = factor * shots.points_in_tracker_mm * [1.0, 1.0, -1.0]
-    said = complaint("delta", replace(shots, points_in_tracker_mm=points), unit=unit)
+    points = shots.points_in_tracker_mm * [1.0, 1.0, -1.0]
+    said = complaint("delta", replace(shots, points_in_tracker_mm=points))
+    assert "shots.csv: the frame of the points is mirrored" in said
+    said = complaint("delta", replace(shots, points_in_tracker_mm=1e3 * points), unit="m")
     assert "the frame of the points is mirrored and the points look like" in said
-    assert f"turn the sign of one coordinate, such as z; import with --unit {right}" in said
+    assert "turn the sign of one coordinate, such as z; import with --unit mm" in said
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_joints_in_radians_are_named_also_with_points_in_metres(name):
-    shots = measured(name)
+def test_joints_in_radians_are_named_also_with_points_in_metres():
+    shots = measured("delta")
     radians = replace(shots, joints=np.radians(shots.joints))
-    assert "the joints look like radians" in complaint(name, radians)
-    both = replace(radians, points_in_tracker_mm=1e-3 * shots.points_in_tracker_mm)
-    said = complaint(name, both)
+    assert "the joints look like radians" in complaint("delta", radians)
+    said = complaint(
+        "delta", replace(radians, points_in_tracker_mm=1e-3 * shots.points_in_tracker_mm)
+    )
     assert "radians" in said
     assert "metres" in said
 
 
-@pytest.mark.parametrize("name", QUICK)
-def test_turned_signs_are_named(name):
-    shots = measured(name)
-    assert "all joints seem to have the other sign" in complaint(
-        name, replace(shots, joints=-shots.joints)
-    )
-    one = np.ones(shots.joints.shape[1])
-    one[1] = -1.0
-    said = complaint(name, replace(shots, joints=shots.joints * one))
+def test_turned_signs_are_named():
+    shots = measured("delta")
+    said = complaint("delta", replace(shots, joints=-shots.joints))
+    assert "all joints seem to have the other sign" in said
+    said = complaint("delta", replace(shots, joints=shots.joints * [1.0, -1.0, 1.0]))
     assert "the sign of q1 seems to be turned" in said
 
 
@@ -145,12 +136,6 @@ def test_swapped_joints_are_named_by_the_right_order():
     shots = measured("par4-prototype")
     said = complaint("par4-prototype", replace(shots, joints=shots.joints[:, [1, 0, 2, 3]]))
     assert "the joints seem to stand in the order q1, q0, q2, q3" in said
-
-
-def test_a_mirrored_frame_is_named():
-    shots = measured("delta")
-    mirrored = replace(shots, points_in_tracker_mm=shots.points_in_tracker_mm * [1.0, 1.0, -1.0])
-    assert "shots.csv: the frame of the points is mirrored" in complaint("delta", mirrored)
 
 
 def test_points_of_other_rows_follow_no_joints():
@@ -214,10 +199,6 @@ SWAPPED = [2, 3, 0, 1]
     ("half", "columns", "place_mm", "cause", "remedy"),
     [
         (2, None, ROUGHLY_MM, "the reflector seems to be on half 2 of the plate →", "half: 2"),
-        pytest.param(
-            *(1, SWAPPED, ROUGHLY_MM, "order q2, q3, q0, q1 →", "correct the columns"),
-            marks=pytest.mark.long,
-        ),
         (2, SWAPPED, ROUGHLY_MM, "the tracker is found at (-24", "half 2 of the plate and the"),
         pytest.param(
             *(1, SWAPPED, None, "half 2 of the plate, or the joints seem", "tracker.place_mm"),
@@ -243,44 +224,40 @@ def test_reflector_on_the_half_that_the_robot_file_says_is_not_accused():
 
 
 @pytest.mark.parametrize("half", [1, 2])
-@pytest.mark.parametrize("share", [0.1, 0.5])
-def test_reflector_on_a_half_of_an_h4_is_told_from_one_in_the_middle_of_its_crossbar(half, share):
-    on_half, in_the_middle = (measured("h4", share=share, half=each) for each in (half, None))
+def test_reflector_on_a_half_of_an_h4_is_told_from_one_in_the_middle_of_its_crossbar(half):
+    on_half, in_the_middle = (measured("h4", share=0.5, half=place) for place in (half, None))
     assert f"half {half} of the plate → say reflector_half: {half} in" in complaint("h4", on_half)
-    said = complaint("h4", in_the_middle, told_half=half)
+    said = complaint("h4", in_the_middle, file_half=half)
     assert "in the middle of the crossbar → delete reflector_half" in said
 
 
 @pytest.mark.parametrize("half", [None, 1, 2])
-@pytest.mark.parametrize("seed", range(4))
-def test_reflector_of_an_h4_that_is_where_the_robot_file_says_is_not_accused(half, seed):
+def test_reflector_of_an_h4_that_is_where_the_robot_file_says_is_not_accused(half):
     nominal = find_robot("h4").robot.kinematics
-    told = replace(nominal, mechanism=nominal.mechanism.seen_from(half))
-    plausibility.check_shots(told, measured("h4", seed, 0.7, half), "shots.csv")
+    seen = replace(nominal, mechanism=nominal.mechanism.seen_from(half))
+    for seed in range(2):
+        plausibility.check_shots(seen, measured("h4", seed, 0.7, half), "shots.csv")
 
 
 @pytest.mark.long
 def test_of_causes_that_fit_alike_the_remedy_says_how_to_tell_them_apart():
     """Another order of joints fits an i4r as well, or better, than its reflector's other half."""
-    cause, _, remedy = complaint("i4r", measured("i4r"), told_half=2).partition("→")
+    cause, _, remedy = complaint("i4r", measured("i4r"), file_half=2).partition("→")
     assert "order q3, q2, q0, q1" in cause
     assert "on half 1 of the plate" in cause
     assert "correct tracker.place_mm, which decides; then say reflector_half: 1" in remedy
 
 
-@pytest.mark.parametrize(
-    ("columns", "order"), [([1, 2, 0], "q2, q0, q1"), ([2, 0, 1], "q1, q2, q0")]
-)
-def test_arms_of_a_delta_that_are_named_from_another_are_told_by_the_trackers_place(columns, order):
-    shots = on_station("delta", columns=columns)
+def test_arms_of_a_delta_that_are_named_from_another_are_told_by_the_trackers_place():
+    shots = on_station("delta", columns=[1, 2, 0])
     said = complaint("delta", shots, ROUGHLY_MM)
     assert "the tracker is found at (" in said
-    assert f"if that is right, the joints seem to stand in the order {order}: correct" in said
+    assert "if that is right, the joints seem to stand in the order q2, q0, q1: correct" in said
     plausibility.check_shots(find_robot("delta").robot.kinematics, shots, "shots.csv")
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-@pytest.mark.parametrize("place_mm", [ROUGHLY_MM, (1500.0, 2500.0, 0.0), (0.0, 0.0, 3000.0)])
+@pytest.mark.parametrize("place_mm", [ROUGHLY_MM, (1500.0, 2500.0, 0.0)])
 def test_a_place_that_is_wrong_otherwise_accuses_no_columns(name, place_mm):
     robot = find_robot(name).robot
     plausibility.check_shots(robot.kinematics, on_station(name), "shots.csv", place_mm)

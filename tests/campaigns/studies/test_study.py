@@ -1,5 +1,6 @@
 """Simulated campaigns: the same numbers wherever they are computed, kept and judged honestly."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -41,8 +42,9 @@ def test_stated_deviations_of_parameters_and_positions_are_true(setup, outcomes)
     summary = summarise(names(setup), outcomes)
     assert summary.failed == 0
     assert not summary.too_sure
-    assert np.mean([own.ratio for own in summary.parameters]) == pytest.approx(1.0, abs=0.1)
-    assert np.mean([own.covered for own in summary.parameters]) > 0.9
+    ratios = [parameter.ratio for parameter in summary.parameters]
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)
+    assert np.mean([parameter.covered for parameter in summary.parameters]) > 0.9
     assert summary.position_mm == pytest.approx(summary.stated_mm, rel=0.25)
     # tails are heavier than normal ones, because the sizes of groups are estimated too
     assert np.median(np.abs(normal_scores(outcomes))) == pytest.approx(0.6745, abs=0.1)
@@ -61,13 +63,10 @@ def test_wrong_noise_model_shows_in_the_coverage(setup, outcomes):
     assert summary.too_sure
 
 
-def test_an_instrument_of_ones_own_measures_in_the_trackers_place(setup):
+def test_an_instrument_of_ones_own_measures_in_the_trackers_place(setup, outcomes):
     noisy = replace(setup, noise=lambda points_mm, rng: rng.normal(0.0, 0.1, points_mm.shape))
-    quiet, loud = (
-        np.mean([row.estimate.position_mm for row in simulate_campaigns(each, range(4))])
-        for each in (setup, noisy)
-    )
-    assert loud > 2.0 * quiet
+    loud = np.mean([row.estimate.position_mm for row in simulate_campaigns(noisy, range(2))])
+    assert loud > 2.0 * np.mean([row.estimate.position_mm for row in outcomes[:2]])
 
 
 def test_held_parameters_are_neither_drawn_nor_found(setup):
@@ -118,24 +117,17 @@ def table(tmp_path):
     return begin(StudyTable(tmp_path / "study.jsonl", head()))
 
 
-def test_table_gives_back_what_was_written(table, outcomes):
+def test_table_gives_back_its_rows_and_is_the_same_in_whatever_order_they_came(table, outcomes):
     failed = CampaignRow(151, failure="no assembly for row 3 of 80")
-    table.add([outcomes[4], failed])
+    table.add([failed, outcomes[4]])
     table.add([outcomes[2]])
     again = begin(table)
     assert again.by_number == {151: failed, 2: outcomes[2], 4: outcomes[4]}
-
-
-def test_table_is_the_same_in_whatever_order_rows_came(table, outcomes):
-    table.add(outcomes[:5])
-    table.write()
-    one = table.path.read_bytes()
+    in_order = table.path.read_bytes()
     table.path.unlink()
     other = begin(table)
-    for outcome in reversed(outcomes[:5]):
-        other.add([outcome])
-    other.write()
-    assert table.path.read_bytes() == one
+    other.add([outcomes[2], outcomes[4], failed])
+    assert table.path.read_bytes() == in_order
 
 
 def test_row_that_was_cut_off_is_computed_again(table, outcomes):
@@ -155,30 +147,23 @@ def test_line_without_end_is_not_read(table):
 
 
 @pytest.mark.parametrize(
-    ("other", "said"),
+    ("text", "said"),
     [
-        (head(study="ba9876543210"), r"study\.jsonl: belongs to another study"),
-        (head(names=("a",)), r"a study of other parameters .* another folder"),
-        (head() | {"schema": "pkmcal/study-table/1"}, "is no table of `pkmcal study`"),
+        (json.dumps(head(study="ba9876543210")), r"study\.jsonl: belongs to another study"),
+        (json.dumps(head(names=("a",))), r"a study of other parameters .* another folder"),
+        ("", "is no table of `pkmcal study`"),
+        ("[" * 99_999 + "\n", "is no table of `pkmcal study`"),
+        ("mine", "is no table of `pkmcal study`"),
     ],
 )
-def test_table_of_another_study_is_refused_and_left_alone(table, outcomes, other, said):
-    table.add(outcomes[:2])
-    before = table.path.read_bytes()
-    with pytest.raises(OutputExists, match=said):
-        begin(replace(table, head=other))
-    assert table.path.read_bytes() == before
-
-
-@pytest.mark.parametrize("text", ["", "x,y\n1,2\n", "[" * 99_999 + "\n", "mine"])
-def test_any_other_file_is_refused_and_left_alone(table, text):
+def test_any_other_file_is_refused_and_left_alone(table, text, said):
     table.path.write_text(text, encoding="utf-8")
-    with pytest.raises(OutputExists, match="is no table of `pkmcal study`"):
+    with pytest.raises(OutputExists, match=said):
         begin(table)
     assert table.path.read_text(encoding="utf-8") == text
 
 
-@pytest.mark.parametrize("line", ["", "{}", "not json", '{"campaign": "one"}', "\x00"])
+@pytest.mark.parametrize("line", ["", '{"campaign": "one"}'])
 def test_foreign_line_is_refused_with_its_number(table, outcomes, line):
     table.add(outcomes[:1])
     table.path.write_text(table.path.read_text() + line + "\n")
