@@ -31,7 +31,7 @@ from campaigns.measuring.work import Cell as Devices
 from campaigns.measuring.work import RawReaders
 from campaigns.settings.sections import BY_HAND, SIMULATED
 from campaigns.shots import point_files
-from campaigns.shots.point_files import PointFormat
+from campaigns.shots.point_layout import PointFormat
 from drivers import bounded_files, errors
 from drivers.by_hand import HandSettings
 from drivers.catalog import CONTROLLERS, FILE, TRACKERS

@@ -18,15 +18,9 @@ from campaigns.evidence import evaluate
 from campaigns.options import ValidationStage
 from campaigns.shots.import_export import ImportedFile
 from campaigns.shots.joined_shots import Join, holds_joints, join_shots
-from campaigns.shots.point_files import (
-    MM_PER_UNIT,
-    Coordinates,
-    DecimalSign,
-    LengthUnit,
-    PointFile,
-    PointFormat,
-    read_points,
-)
+from campaigns.shots.point_files import PointFile, read_points
+from campaigns.shots.point_layout import PointFormat
+from campaigns.shots.point_words import MM_PER_UNIT, Coordinates, DecimalSign, LengthUnit
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, in_unit, read_shots
 from campaigns.workflow.importing import (

@@ -28,7 +28,7 @@ from campaigns.fit.rigid_transforms import best_rotation, fit_transform
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import ParameterTable
 from campaigns.robots.schema import Tolerance
-from campaigns.shots.point_files import MM_PER_UNIT, LengthUnit
+from campaigns.shots.point_words import MM_PER_UNIT, LengthUnit
 from campaigns.shots.shots import Shots
 from drivers.values import DISTANCE, JOINT_ANGLE, PART_TEMPERATURE, SIGMA, TEMPERATURE, Vector3
 

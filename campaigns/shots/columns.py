@@ -1,6 +1,6 @@
 """Columns that plan.csv and shots.csv have in common: coordinates of axes, sets and pairs.
 
-What is wrong raises the error of the file that the row is from.
+Errors are those of the file that a row is from: `row.wrong` makes them, with file and line.
 """
 
 from collections import defaultdict
@@ -15,7 +15,8 @@ POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")
 NEST = "nest"
 """Column of the fixed reflector place that was measured."""
 
-SETS = {each.value: each for each in ShotSet}
+SETS = {purpose.value: purpose for purpose in ShotSet}
+"""Sets by their words in files."""
 
 
 def axis_columns(axes: Sequence[Axis]) -> tuple[str, ...]:
@@ -38,7 +39,8 @@ def axis_texts(axes: Sequence[Axis], values: Sequence[float]) -> list[str]:
 
 
 def joint_values(row: CsvRow, axes: Sequence[Axis], purpose: ShotSet) -> tuple[float, ...]:
-    """Read the joints of a shot; () of one that was measured without the robot."""
+    """Read the joints of a shot; () for a shot that was measured without the robot."""
+    # Nests and known lengths may state joints even so; half of them is an error in any set.
     names = axis_columns(axes)
     if not purpose.on_robot and not any(map(row.text, names)):
         return ()
@@ -56,7 +58,8 @@ def side_columns(axes: Sequence[Axis]) -> tuple[str, ...]:
 
 
 def approach_values(row: CsvRow, axes: Sequence[Axis]) -> tuple[int, ...]:
-    """Read the sides of a row, +1, -1 or 0, also for an empty place; () where all are empty."""
+    """Read the sides of a row, +1, -1 or 0, 0 for an empty cell; () if all cells are empty."""
+    # our own columns go before those of other software
     for names in (approach_columns(axes), side_columns(axes)):
         if any(row.text(name) for name in names):
             return tuple(row.value(name) if row.text(name) else 0 for name in names)
@@ -102,7 +105,8 @@ def pair_number(row: CsvRow, purpose: ShotSet) -> int | None:
 def check_pairs(
     rows: Sequence[CsvRow], sets: Sequence[ShotSet], pairs: Sequence[int | None]
 ) -> None:
-    """Refuse a pair that has not exactly two shots, both of one set."""
+    """Raise an error for a pair that has not exactly two shots, both of one set."""
+    # The error is at the pair's last line, where the count is known to be wrong.
     of_pair: defaultdict[int, list[tuple[CsvRow, ShotSet]]] = defaultdict(list)
     for row, purpose, pair in zip(rows, sets, pairs, strict=True):
         if pair is not None:

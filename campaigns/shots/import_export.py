@@ -1,4 +1,11 @@
-"""Imports into the journal, and exports from it, of shots in files."""
+"""Imports into the journal, and exports from it, of shots in files.
+
+An import becomes a series like a measured one, so that everything after it needs no second way:
+each row is an intent and an outcome, in sessions, finished at once. All of it is one commit: an
+import that breaks off leaves nothing. What a file does not state is left empty, but for the
+commanded pose, for which the pose at the joints stands. Air temperature and time of measurement,
+for which such records have no field, are written as a note in the place of the tracker's answer.
+"""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,15 +24,15 @@ from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import pose_of
 from campaigns.shots.shot_sets import pair_rows
-from campaigns.shots.shots import IMPORTED, import_note, noted, rows_of_shots, shots_of_journal
+from campaigns.shots.shots import IMPORTED, import_note, read_note, rows_of_shots, shots_of_journal
 from campaigns.shots.shots_csv import ShotRow, shots_text
 from campaigns.version import VERSION
 from drivers.bounded_files import CSV_BYTES, FileRefused, read_bounded
 
-FILES = "imported_files"
-"""Key in an import's settings: what campaign.yaml does not say of it."""
-DIGITS = 9
-"""Decimals of rad and mm that files keep of joints and points."""
+FILES_KEY = "imported_files"
+"""Key in an import's settings, beside those of campaign.yaml, for the files it was read from."""
+FILE_DECIMALS = 9
+"""Number of decimals of rad and mm that files keep of joints and points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +51,26 @@ class ImportedFile:
             raise ShotsInvalid(error.problem, remedy=error.remedy) from error
 
 
+@dataclass(frozen=True, slots=True)
+class ImportedSeries:
+    """Series that an import becomes: whose shots they are, and where they came from."""
+
+    robot_digest: str
+    """Digest of the nominal robot's file."""
+    settings: Mapping[str, JsonValue]
+    """Settings in campaign.yaml."""
+    files: Sequence[ImportedFile] = ()
+    stage: records.Stage = "import"
+    declared: str = ""
+    """File of the parameters that the controller is said to hold; "" for identification shots."""
+
+
 def imported_files(started: records.SeriesStarted) -> tuple[ImportedFile, ...]:
     """Return the files of an import; none where older software did not keep them."""
-    kept = started.configuration.get(FILES)
+    entries = started.configuration.get(FILES_KEY)
     return tuple(
         ImportedFile(str(entry.get("name", "")), str(entry.get("sha256", "")))
-        for entry in (kept if isinstance(kept, list) else [])
+        for entry in (entries if isinstance(entries, list) else [])
         if isinstance(entry, dict)
     )
 
@@ -58,31 +79,29 @@ def append_import(
     journal: Journal,
     rows: Sequence[ShotRow],
     held: Kinematics,
-    robot_digest: str,
-    settings: Mapping[str, JsonValue],
-    files: Sequence[ImportedFile] = (),
-    *,
-    stage: records.Stage = "import",
-    declared: str = "",
+    imported: ImportedSeries,
     order: Index | None = None,
 ) -> int:
-    """Write rows as a finished series, in one commit; gives its number.
+    """Write rows as a finished series, in one commit; return its number.
 
     Shots are numbered as the rows, and written in the `order` (N,) in which they were measured.
 
-    The names and digests of the files go into the series' settings. The commanded pose is not
-    known: that of the joints by the set `held` stands for it, the nominal one, or for a validation
-    what the controller is `declared` to hold. Raises `ShotsInvalid` for joints that such a robot
-    cannot take.
+    Names and digests of files go into the series' settings. The commanded pose is not known: the
+    pose at the joints stands for it, by the parameters that the controller `held`, the nominal ones
+    or, for a validation, those that it is declared to hold. Raises `ShotsInvalid` for joints that
+    such a robot cannot take.
     """
     poses = _poses(held, rows)
     digest = hashlib.sha256(shots_text(rows, held.mechanism).encode()).hexdigest()
-    kept: list[JsonValue] = [asdict(each) for each in files]
-    config = {**settings, FILES: kept} if kept else settings
+    # 1. Everything that can be wrong with the rows comes before the first record.
+    entries: list[JsonValue] = [asdict(file) for file in imported.files]
+    config = {**imported.settings, FILES_KEY: entries} if entries else imported.settings
+    digest_of_robot, declared = imported.robot_digest, imported.declared
     started = records.SeriesStarted(
-        stage, digest, config, VERSION, robot_digest, None, None, None, declared
+        imported.stage, digest, config, VERSION, digest_of_robot, None, None, None, declared
     )
-    command: records.Command = "joints" if stage == "import" else "pose"
+    command: records.Command = "joints" if imported.stage == "import" else "pose"
+    # 2. All records in one commit. A row of another session ends the session before.
     with journal.in_one_commit():
         series = journal.start_series(started)
         session = None
@@ -114,20 +133,27 @@ def append_import(
             journal.append(outcome, series=series)
         journal.append(records.SeriesFinished(), series=series)
         journal.append(records.SessionStopped("finished", "imported"), series=series)
+    # 3. Read the journal again, as after any write that must not be lost.
     journal.prove()
     return series
 
 
 def refuse_copies(rows: Sequence[ShotRow], journal: Iterable[Series], name: str) -> None:
     """Raise `ShotsInvalid` for a row of a pair that is a copy of another or of a journal's shot."""
+    # Two measurements never agree to the last digit in all joints and coordinates. A copy would
+    # count twice in the fit, and a hold-out pair that was fitted would confirm any model. Sets
+    # without pairs may repeat: they are visits of one place, and simulated ones may be equal.
     seen = {
-        _digits(shot.outcome.joints, shot.outcome.point_in_tracker_mm): (shot.intent.shot, series)
+        _as_in_files(shot.outcome.joints, shot.outcome.point_in_tracker_mm): (
+            shot.intent.shot,
+            series,
+        )
         for series in journal
         for shot in series.shots
     }
     places: dict[tuple[float, ...], int] = {}
     for place, row in enumerate(rows):
-        key = _digits(row.joints, row.point_in_tracker_mm)
+        key = _as_in_files(row.joints, row.point_in_tracker_mm)
         shot, series = seen.get(key, (places.setdefault(key, place), None))
         if row.purpose.in_pairs and (series or shot != place):
             of = f" of series {series.number} ({series.started.stage})" if series else ""
@@ -139,25 +165,28 @@ def refuse_copies(rows: Sequence[ShotRow], journal: Iterable[Series], name: str)
             )
 
 
-def _digits(joints: Iterable[float], point_mm: Iterable[float]) -> tuple[float, ...]:
-    """Round both to the digits that files have."""
-    return tuple(round(value, DIGITS) for value in (*joints, *point_mm))
+def _as_in_files(joints: Iterable[float], point_mm: Iterable[float]) -> tuple[float, ...]:
+    """Round joints and point to the digits that files have."""
+    return tuple(round(value, FILE_DECIMALS) for value in (*joints, *point_mm))
 
 
 def _poses(held: Kinematics, rows: Sequence[ShotRow]) -> Array:
-    """Return poses (N, t); zeros of shots without the robot."""
+    """Return the poses (N, t) of rows at their joints, zeros for rows without the robot.
+
+    Raise `ShotsInvalid` for joints that the robot cannot take.
+    """
     poses = np.zeros((len(rows), len(held.mechanism.task)))
-    placed = [place for place, row in enumerate(rows) if row.joints]
-    if not placed:
+    by_robot = [place for place, row in enumerate(rows) if row.joints]
+    if not by_robot:
         return poses
-    solution = held.forward(np.array([rows[place].joints for place in placed]))
+    solution = held.forward(np.array([rows[place].joints for place in by_robot]))
     if not solution.is_solved.all():
-        row = placed[int(solution.is_solved.argmin())]
+        row = by_robot[int(solution.is_solved.argmin())]
         raise ShotsInvalid(
             f"shot {row + 1} of the file: the nominal robot cannot be assembled at its joints",
             remedy="check the order and signs of the joints, and that it is this robot's file",
         )
-    poses[placed] = solution.values
+    poses[by_robot] = solution.values
     return poses
 
 
@@ -171,8 +200,10 @@ def exported_shots(
     halves = pair_rows([shot.intent.pair for shot in shots]).halves
     whole = np.delete(np.arange(len(shots)), halves)
     rows = rows_of_shots(shots_of_journal(shots, mechanism).rows(whole))
-    if series.started.stage == "import":  # the journal has its own time, and a computed pose
-        notes = [noted(shots[row].outcome.raw_tracker) for row in whole.tolist()]
+    # Of an import the journal has its own time and a computed pose: neither was in the file that it
+    # came from, whose air temperature and time are in the notes.
+    if series.started.stage == "import":
+        notes = [read_note(shots[row].outcome.raw_tracker) for row in whole.tolist()]
         rows = tuple(
             replace(row, turn=(), temperature_degC=air, time=time)
             for row, (air, time) in zip(rows, notes, strict=True)

@@ -1,7 +1,16 @@
 """Shots from two files: points of tracker software, and the joints at which they were measured.
 
 The joints file is a shots.csv without points, but with names: `name,q0_deg,q1_deg,…`. Its rows are
-the shots. Each gets its point by name or by its place in the file.
+the shots, and each gets its point:
+
+- By name. SpatialAnalyzer's names have parts, `collection::group::point`, of which a user may write
+  the last ones alone, as long as they fit one point only.
+- By order, if the user says so. Then only the numbers of points and rows are compared.
+
+A point at the wrong joints would be a gross error in the fit. So every row must find exactly one
+point, and no point may be left over: either is refused, with the names on both sides.
+
+Last come pairs: as numbered in the joints file, else each two shots of a set in a row.
 """
 
 from collections import Counter, defaultdict
@@ -27,7 +36,7 @@ Join = Literal["name", "order"]
 LISTED = 5
 """Number of names that an error line lists."""
 JointsRow = tuple[CsvRow, ShotRow]
-"""Row of the joints file: the shot without its point. Its pair is None where the file has none."""
+"""Row of the joints file, and its shot without a point. The pair is None if the file has none."""
 
 
 def join_shots(
@@ -40,8 +49,10 @@ def join_shots(
 ) -> tuple[tuple[ShotRow, ...], str]:
     """Return the shots in the order of the joints file, and a note on their pairs.
 
-    Raises `ShotsInvalid`.
+    `default` is the set of rows that name none. Raises `ShotsInvalid`.
     """
+    # Covariance and time of the point file are the tracker's own, so they are used before those
+    # that a user may have written beside the joints.
     remedy = "check the name of the joints file"
     text = read_text(joints, ShotsInvalid, if_missing=remedy, most_bytes=CSV_BYTES)
     rows = [*joints_rows(text, str(joints), mechanism, default)]
@@ -64,17 +75,18 @@ def join_shots(
 
 
 def holds_joints(path: Path, mechanism: ClosedChain) -> bool:
-    """Whether the first line of a file names columns of shots.csv that no point file has."""
+    """Return whether the first line of a file names columns that only shots.csv has."""
     with suppress(FileRefused):
         data = read_bounded(path, CSV_BYTES)
         first = data.decode(codec_of(data), errors="replace").lstrip().partition("\n")[0]
         return any(name in first for name in ("pair", *axis_columns(mechanism.joints)))
-    return True  # whose reader says what is wrong with it
+    return True  # the reader of shots.csv then reports why the file cannot be read
 
 
 def _by_order(
     points: Sequence[NamedPoint], points_name: str, rows: Sequence[JointsRow]
 ) -> Sequence[NamedPoint]:
+    """Return the points in their order if there is one for each row; raise `ShotsInvalid`."""
     if len(points) == len(rows):
         return points
     raise rows[-1][0].wrong(
@@ -86,9 +98,11 @@ def _by_order(
 def _by_name(
     points: Sequence[NamedPoint], points_name: str, rows: Sequence[JointsRow]
 ) -> Sequence[NamedPoint]:
+    """Return the point of each row by its name; raise `ShotsInvalid`."""
     _check_named(points, points_name, rows)
-    index, named = _names(points), [(row, row.text("name")) for row, _ in rows]
+    index, named = _index_by_name(points), [(row, row.text("name")) for row, _ in rows]
     missing = [(row, name) for row, name in named if name not in index]
+    # 1. A name that fits several points decides nothing.
     for row, name in named:
         if len(fitting := index.get(name, [])) > 1:
             raise row.wrong(
@@ -96,15 +110,18 @@ def _by_name(
                 f"{_listed([point.name for point in fitting])}",
                 remedy="write the whole name, its parts joined by ::",
             )
-    wanted = [index[name][0] for _, name in named if name in index]
-    taken = {point.name for point in wanted}
-    spare = [point for point in points if point.name not in taken]
+    # 2. Rows without a point and points without a row are reported together: most often they are
+    #    one misspelt name, seen from both sides.
+    matched = [index[name][0] for _, name in named if name in index]
+    matched_names = {point.name for point in matched}
+    spare = [point for point in points if point.name not in matched_names]
     if missing or spare:
         raise _unmatched(missing, spare, points_name, list(index))
-    return wanted
+    return matched
 
 
 def _check_named(points: Sequence[NamedPoint], points_name: str, rows: Sequence[JointsRow]) -> None:
+    """Raise `ShotsInvalid` if points or rows lack names, or two rows have one name."""
     remedy = "name them, or use --join order when both files have the same order"
     seen: set[str] = set()
     if not points[0].name:
@@ -120,7 +137,7 @@ def _check_named(points: Sequence[NamedPoint], points_name: str, rows: Sequence[
         seen.add(name)
 
 
-def _names(points: Sequence[NamedPoint]) -> dict[str, list[NamedPoint]]:
+def _index_by_name(points: Sequence[NamedPoint]) -> dict[str, list[NamedPoint]]:
     """Index points by their whole name and by its last parts."""
     index: defaultdict[str, list[NamedPoint]] = defaultdict(list)
     for point in points:
@@ -134,15 +151,16 @@ def _unmatched(
     missing: Sequence[tuple[CsvRow, str]],
     spare: Sequence[NamedPoint],
     points_name: str,
-    known: Sequence[str],
+    point_names: Sequence[str],
 ) -> ShotsInvalid:
+    """Return the error that names rows without points and points without rows."""
     problems, remedy = [], "take them out, or add what belongs to them"
     if missing and len(missing) == len(spare):
         remedy = f"if both files have the same order, give --join order; else {remedy}"
     if missing:
         names = _listed([name for _, name in missing])
         problems.append(f"{len(missing)} joints without a point in {points_name} ({names})")
-        if nearest := nearest_word(missing[0][1], known):
+        if nearest := nearest_word(missing[0][1], point_names):
             remedy = f"did you mean {nearest}? Else {remedy}"
     if spare:
         names = _listed([point.name for point in spare])
@@ -152,12 +170,18 @@ def _unmatched(
 
 
 def _listed(names: Sequence[str]) -> str:
+    """List the first names for an error."""
     text = ", ".join(map(shown, names[:LISTED]))
     return f"{text} and {len(names) - LISTED} more" if len(names) > LISTED else text
 
 
 def _pairs(rows: Sequence[JointsRow]) -> tuple[Sequence[int | None], str]:
-    """Return the pairs as numbered, or else each two shots of a set that follow one another."""
+    """Return the pairs as numbered, or else each two shots of a set that follow one another.
+
+    With a note on which it was. Raise `ShotsInvalid` for half a pair.
+    """
+    # Without numbers: the n-th shot of a set is in the set's pair n // 2, whatever other sets stand
+    # between; each new pair gets the next number over all sets.
     lines, sets = [row for row, _ in rows], [shot.purpose for _, shot in rows]
     pairs, note = [shot.pair for _, shot in rows], "pairs as numbered"
     if "pair" not in lines[0].texts:

@@ -27,7 +27,7 @@ class ShotSet(Enum):
 
     @property
     def in_pairs(self) -> bool:
-        """Whether its shots stand in pairs, whose distance counts."""
+        """Whether its shots stand in pairs, each of two points at some distance."""
         return self in IN_PAIRS
 
     @property
@@ -55,7 +55,9 @@ def pair_rows(pairs: Sequence[int | None]) -> PairRows:
     for row, pair in enumerate(pairs):
         if pair is not None:
             rows.setdefault(pair, []).append(row)
+    # A run that was broken off may have measured one shot of a pair: that is no error, but counts
+    # for nothing until the other one is there.
     whole = {pair: both for pair, both in rows.items() if len(both) == SHOTS_OF_A_PAIR}
-    halves = [row for each in rows.values() if len(each) < SHOTS_OF_A_PAIR for row in each]
+    halves = [row for half in rows.values() if len(half) < SHOTS_OF_A_PAIR for row in half]
     both = np.array(list(whole.values()), dtype=np.intp).reshape(-1, SHOTS_OF_A_PAIR)
     return PairRows(tuple(whole), both, tuple(halves))

@@ -1,4 +1,13 @@
-"""Measured shots as arrays, for everything that comes after the journal."""
+"""Measured shots as arrays, for everything that comes after the journal.
+
+Shots come from a journal, a file or a user's arrays, and from here on no one needs to know from
+which: all have the columns of `Shots`, with NaN, 0 or "" where the origin states nothing. Rows stay
+in the order of their origin; the order of time is a function of its own, because a shot that is
+measured again keeps its number but comes later.
+
+What a shot needs beside joints and point is from which side each joint came, for that decides the
+sign of backlash. It is found from the joints before and after the last leg, in the order of time.
+"""
 
 import re
 from collections import Counter
@@ -27,13 +36,14 @@ from campaigns.shots.shots_csv import ShotRow, shots_text, time_order, times_s
 from drivers.values import Matrix3, Pose, is_positive_definite, vector
 
 IMPORTED = "imported"
+"""First word of an import's note, where a tracker's raw answer stands otherwise."""
 NOTE = re.compile(
     rf"{IMPORTED}(?:, air (?P<air>[-+.e\d]+) °C)?(?:, measured (?P<time>.*))?", re.DOTALL
 )
 TAKEN_UP_RAD = float(np.radians(5.0 / 60.0))
-"""A joint that went this far, or what compares, has taken up its gear's lost motion."""
+"""Way, of a crank or what compares, after which a joint has taken up its gear's lost motion."""
 AT_REST_RAD = float(np.radians(0.005))
-"""Readings of a joint that stands still differ by less."""
+"""Largest difference between readings of a joint that stands still."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -52,27 +62,30 @@ class Shots:
     approach: Array
     """+1 where a joint last moved towards larger values, -1 smaller, 0 where unknown, (N, n)."""
     commanded: Array
-    """Poses (N, t) in the base frame; of imported shots the nominal robot's, for none is known."""
+    """Poses (N, t) in the base frame; of imported shots the nominal robot's at their joints."""
     measured_utc: tuple[str, ...]
+    """Time of each shot; "" if unknown."""
     temperature_degC: Array
     """Temperature of the air, (N,); NaN where it is not known."""
     records: tuple[int, ...] = ()
     """Places in the journal, in the order of time whatever the clock was set to; () outside one."""
     nests: tuple[str, ...] = ()
-    """Name of the fixed place that each is of; empty, or "", of the robot's reflector."""
+    """Name of the nest that each shot measured, "" for the robot's reflector; (): no nests."""
     session: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    """Which session of the series each was measured in, (N,); 0 if not stated."""
+    """Number of the session in which each shot was measured, (N,); 0 if not stated."""
     part_temperature_degC: Array = field(default_factory=lambda: np.zeros(0))
     """Temperature of the robot's parts, (N,); NaN where it is not known."""
 
     def __post_init__(self) -> None:
         """Refuse arrays that are not of the same shots; raises `ValueError`."""
+        # Columns that were not given get their neutral values, which their defaults cannot have:
+        # these do not know the number of shots.
         count, joints = len(self.numbers), self.joints.shape[1]
-        unsaid = {
+        neutral = {
             "session": np.zeros(count, dtype=np.intp),
             "part_temperature_degC": np.full(count, np.nan),
         }
-        for name, column in unsaid.items():
+        for name, column in neutral.items():
             if not len(getattr(self, name)):
                 object.__setattr__(self, name, column)
         optional = {name for name in ("records", "nests") if not getattr(self, name)}
@@ -102,10 +115,10 @@ class Shots:
     ) -> "Shots":
         """Make shots of a robot from arrays: joints (N, n), rad or mm, and points (N, 3).
 
-        `covariance_mm2` is of the points, (N, 3, 3), or (3, 3) of each; without it the instrument's
-        is taken, and for each that is NaN. `sets` are words of shots.csv, one or one a shot; pairs
-        count from 0. Raises `ValueError` with the shape of what does not fit, and `ShotsInvalid`
-        with the row of what no shot can be.
+        `covariance_mm2` is of the points, (N, 3, 3), or (3, 3) for all; where it is NaN or missing
+        the instrument's is taken. `sets` are words of shots.csv, a single one or one for each shot;
+        pairs count from 0. Raises `ValueError` for arrays of other shapes, and `ShotsInvalid` with
+        the row of values that no shot can have.
         """
         names = [axis.name for axis in robot.mechanism.joints]
         rows = batch(joints, names, "joints")
@@ -168,16 +181,16 @@ class Shots:
 
     def rows(self, rows: Index) -> "Shots":
         """Return the shots of these rows."""
-        chosen = rows.tolist()
+        places = rows.tolist()
 
-        def taken(column: Array | Index | tuple[object, ...]) -> object:
+        def select(column: Array | Index | tuple[object, ...]) -> object:
             if isinstance(column, np.ndarray):
                 return column[rows]
-            return tuple(map(column.__getitem__, chosen)) if column else ()
+            return tuple(map(column.__getitem__, places)) if column else ()
 
-        # Any: each column is cut to another of its own type
-        cut: dict[str, Any] = {name: taken(getattr(self, name)) for name in COLUMNS}
-        return Shots(**cut)
+        # Any: each column becomes another of its own type
+        selected: dict[str, Any] = {name: select(getattr(self, name)) for name in COLUMNS}
+        return Shots(**selected)
 
     def of_set(self, *purposes: ShotSet) -> "Shots":
         """Return the shots of these sets."""
@@ -257,10 +270,9 @@ def _require_pairs(purposes: Sequence[ShotSet], pairs: Sequence[int | None]) -> 
 
 def between(shots: Shots, first: int | None, last: int | None) -> Shots:
     """Leave out the shots for identification whose numbers are outside of a range."""
-    low, high = (
-        first if first is not None else -1,
-        last if last is not None else max(shots.numbers, default=0),
-    )
+    # other sets stay: validation and drift shots are of the whole series
+    low = -1 if first is None else first
+    high = max(shots.numbers, default=0) if last is None else last
     inside = [
         purpose is not ShotSet.IDENTIFICATION or low <= number <= high
         for number, purpose in zip(shots.numbers, shots.purposes, strict=True)
@@ -269,10 +281,9 @@ def between(shots: Shots, first: int | None, last: int | None) -> Shots:
 
 
 def held_out(shots: Shots, share: float, rng: np.random.Generator) -> Shots:
-    """Make a share of the identification pairs validation pairs, spread over the series.
-
-    One pair of each run of neighbouring ones is drawn.
-    """
+    """Turn a share of the identification pairs into validation pairs, spread over the series."""
+    # 1. Cut the series of pairs into runs of equal length, one for each pair that is needed, and
+    #    draw one pair of each run: so warm-up and drift meet both kinds equally.
     rows = shots.whole_pairs(ShotSet.IDENTIFICATION).rows
     count = round(share * len(rows))
     if not count:
@@ -281,20 +292,24 @@ def held_out(shots: Shots, share: float, rng: np.random.Generator) -> Shots:
     for part in np.array_split(np.arange(len(rows)), count):
         for row in rows[rng.choice(part)].tolist():
             purposes[row] = ShotSet.VALIDATION
-    taken = {pair for pair in shots.pairs if pair is not None}
+    # 2. Number the drawn pairs above all others: identification pair 7 and validation pair 7 may
+    #    both exist, and would become one pair of four shots.
+    used = {pair for pair in shots.pairs if pair is not None}
     pairs = list(shots.pairs)
-    for number, row_pair in enumerate(rows.tolist(), start=max(taken, default=0) + 1):
-        for row in row_pair:
+    for number, pair_rows_ in enumerate(rows.tolist(), start=max(used, default=0) + 1):
+        for row in pair_rows_:
             if purposes[row] is ShotSet.VALIDATION:
-                pairs[row] = number  # no validation pair has it yet
+                pairs[row] = number
     return replace(shots, purposes=tuple(purposes), pairs=tuple(pairs))
 
 
 def with_readings(shots: Shots, readings: Mapping[str, float]) -> Shots:
     """Fill in temperatures of parts from readings at times, °C, where shots have none.
 
-    Between two readings in proportion to time. Raise `ShotsInvalid` for times of another kind.
+    Raise `ShotsInvalid` for times that cannot be compared with those of the shots.
     """
+    # Both kinds of times are read together, so that they count from one beginning. Between two
+    # readings the temperature is in proportion to time, outside of them that of the nearest one.
     if not readings:
         return shots
     seconds, lacking = times_s([*shots.measured_utc, *readings])
@@ -303,12 +318,12 @@ def with_readings(shots: Shots, readings: Mapping[str, float]) -> Shots:
             f"part_temperatures in campaign.yaml and the shots do not go together: {lacking}",
             remedy='give times as those of the shots, "2026-11-21T09:00:00Z"',
         )
-    temperature, at, read = shots.part_temperature_degC, *np.split(seconds, [len(shots)])
-    order = np.argsort(read, kind="stable")
-    between = np.interp(at, read[order], np.array([*readings.values()])[order])
-    return replace(
-        shots, part_temperature_degC=np.where(np.isnan(temperature), between, temperature)
-    )
+    shots_s, readings_s = np.split(seconds, [len(shots)])
+    order = np.argsort(readings_s, kind="stable")
+    readings_degC = np.array([*readings.values()])[order]
+    interpolated = np.interp(shots_s, readings_s[order], readings_degC)
+    stated = shots.part_temperature_degC
+    return replace(shots, part_temperature_degC=np.where(np.isnan(stated), interpolated, stated))
 
 
 def import_note(temperature_degC: float | None, time: str | None) -> str:
@@ -317,8 +332,8 @@ def import_note(temperature_degC: float | None, time: str | None) -> str:
     return f"{IMPORTED}{air}" + ("" if time is None else f", measured {time}")
 
 
-def noted(note: str) -> tuple[float | None, str | None]:
-    """Read temperature in °C and time of a note; None for what it lacks."""
+def read_note(note: str) -> tuple[float | None, str | None]:
+    """Read temperature in °C and time of an import's note; None for what it lacks."""
     match = NOTE.fullmatch(note)
     if match is None:
         return None, None
@@ -327,17 +342,23 @@ def noted(note: str) -> tuple[float | None, str | None]:
 
 def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: ClosedChain) -> Shots:
     """Return the accepted shots of a series."""
-    asked = [shot.intent for shot in shots]
-    return shots_of_outcomes(
+    # The journal's time of an import is when it was imported; when it was measured, if the file
+    # said so, is in its note.
+    intents = [shot.intent for shot in shots]
+    times = [read_note(shot.outcome.raw_tracker)[1] or shot.measured_utc for shot in shots]
+    measured = shots_of_outcomes(
         [shot.outcome for shot in shots],
         mechanism,
-        purposes=[ShotSet(intent.purpose) for intent in asked],
-        pairs=[intent.pair for intent in asked],
-        targets=[intent.target for intent in asked],
-        measured_utc=[noted(each.outcome.raw_tracker)[1] or each.measured_utc for each in shots],
+        purposes=[ShotSet(intent.purpose) for intent in intents],
+        pairs=[intent.pair for intent in intents],
+        targets=[intent.target for intent in intents],
         records=[shot.number for shot in shots],
-        nests=[intent.nest for intent in asked],
-        sessions=[shot.session for shot in shots],
+    )
+    return replace(
+        measured,
+        measured_utc=tuple(times),
+        nests=tuple(intent.nest for intent in intents),
+        session=np.array([shot.session for shot in shots], dtype=np.intp),
     )
 
 
@@ -348,15 +369,13 @@ def shots_of_outcomes(
     purposes: Sequence[ShotSet],
     pairs: Sequence[int | None],
     targets: Sequence[Pose],
-    measured_utc: Sequence[str] | None = None,
     records: Sequence[int] = (),
-    nests: Sequence[str] = (),
-    sessions: Sequence[int] = (),
 ) -> Shots:
     """Return the shots that were measured for these sets, pairs and poses.
 
     `records` are places in the journal; without them outcomes stand in the order of time.
     """
+    # Shots that were not read from a journal have the record 0, so all or none count.
     count, joints = len(outcomes), len(mechanism.joints)
     in_journal = tuple(records) if all(records) else ()
     order = sorted(range(count), key=in_journal.__getitem__) if in_journal else range(count)
@@ -371,13 +390,11 @@ def shots_of_outcomes(
         commanded=np.array([pose.coordinates for pose in targets]).reshape(
             count, len(mechanism.task)
         ),
-        measured_utc=tuple(measured_utc or [""] * count),
+        measured_utc=("",) * count,
         temperature_degC=_or_nan(
             o.weather.temperature_degC if o.weather else None for o in outcomes
         ),
         records=in_journal,
-        nests=tuple(nests),
-        session=np.array(sessions, dtype=np.intp),
         part_temperature_degC=_or_nan(each.part_temperature_degC for each in outcomes),
     )
 
@@ -385,9 +402,11 @@ def shots_of_outcomes(
 def rows_of_shots(shots: Shots) -> tuple[ShotRow, ...]:
     """Return the rows of a file of shots."""
 
-    def known(value: float) -> float | None:
+    def or_none(value: float) -> float | None:
         return value if np.isfinite(value) else None
 
+    # Columns that hold nothing for any shot are left out of the file: zeros of sides mean unknown,
+    # and a single session needs no number.
     has_sides, has_sessions = bool(shots.approach.any()), len({*shots.session.tolist()}) > 1
     return tuple(
         ShotRow(
@@ -397,11 +416,11 @@ def rows_of_shots(shots: Shots) -> tuple[ShotRow, ...]:
             purpose,
             turn=tuple(shots.commanded[row, 3:].tolist()),
             covariance_mm2=_matrix(shots.stated_covariance_mm2[row]),
-            temperature_degC=known(shots.temperature_degC[row]),
+            temperature_degC=or_none(shots.temperature_degC[row]),
             time=shots.measured_utc[row] or None,
             nest=shots.nests[row] if shots.nests else "",
             approach=tuple(shots.approach[row].astype(int).tolist()) if has_sides else (),
-            part_temperature_degC=known(shots.part_temperature_degC[row]),
+            part_temperature_degC=or_none(shots.part_temperature_degC[row]),
             session=int(shots.session[row]) if has_sessions else 0,
         )
         for row, (purpose, joints) in enumerate(zip(shots.purposes, shots.joints, strict=True))
@@ -409,6 +428,7 @@ def rows_of_shots(shots: Shots) -> tuple[ShotRow, ...]:
 
 
 def _matrix(covariance: Array) -> Matrix3 | None:
+    """Return a covariance (3, 3) as rows; None for one that is not stated, which is NaN."""
     if np.isnan(covariance).any():
         return None
     x, y, z = map(vector, covariance)
@@ -447,37 +467,47 @@ def _with_gaps(joints: Sequence[tuple[float, ...]], count: int) -> Array:
     return np.array([each or (np.nan,) * count for each in joints]).reshape(-1, count)
 
 
+# Lost motion of a gear makes a joint stand on one side of its play or the other, by the direction
+# in which it was last turned far enough. For each shot, in the order of time:
+#
+# 1. A leg longer than TAKEN_UP_RAD decides by itself.
+# 2. A shorter leg that goes on in the direction of the shot before, or no leg at all, keeps it.
+# 3. A short leg against it leaves the joint somewhere within its play: unknown, 0.
+#
+# "The shot before" counts only if the robot still stood there when the leg began: what it did in
+# between, as a detour or a motion by hand, is not in the journal's shots.
 def approach_directions(
     outcomes: Sequence[Outcome], order: Iterable[int], axes: Sequence[Axis]
 ) -> Array:
     """Return +1 where a joint last moved to larger values, -1 smaller, 0 if unknown, (N, n).
 
-    A joint that hardly moved on the last leg keeps the direction of the shot before, if it stood
-    there when the leg began and was not turned round. Before means before in the `order` of time: a
-    shot measured again comes after others of higher numbers.
+    `order` are the rows in the order of time: a shot measured again comes after others of higher
+    numbers.
     """
     scale = np.array([axis.scale for axis in axes])
     signs = np.zeros((len(outcomes), len(axes)))
-    before, standing = np.zeros(len(axes)), (np.nan,) * len(axes)
+    signs_before, joints_before = np.zeros(len(axes)), (np.nan,) * len(axes)
     for row in order:
         outcome = outcomes[row]
         if not outcome.joints:
-            continue
-        if outcome.approach is not None:
+            continue  # a nest or known length, measured without moving the robot
+        if outcome.approach is not None:  # of an import: as its file states
             signs[row] = outcome.approach
         if outcome.came_from is not None:
             came_from = np.array(outcome.came_from)
-            straight = bool((np.abs(came_from - standing) < AT_REST_RAD * scale).all())
-            signs[row] = _direction((outcome.joints - came_from) / scale, before * straight)
-        before, standing = signs[row], outcome.joints
+            # the first shot compares with NaN, which is never equal
+            still_there = bool((np.abs(came_from - joints_before) < AT_REST_RAD * scale).all())
+            moved_rad = (outcome.joints - came_from) / scale
+            signs[row] = _direction(moved_rad, signs_before * still_there)
+        signs_before, joints_before = signs[row], outcome.joints
     return signs
 
 
 def _direction(moved_rad: Array, before: Array) -> Array:
     """Return each joint's direction after a leg, (n,), by its length and the direction before."""
-    way = np.sign(moved_rad)
-    kept = (np.abs(moved_rad) < AT_REST_RAD) | (way == before)
-    return np.where(np.abs(moved_rad) > TAKEN_UP_RAD, way, np.where(kept, before, 0.0))
+    sign = np.sign(moved_rad)
+    is_kept = (np.abs(moved_rad) < AT_REST_RAD) | (sign == before)
+    return np.where(np.abs(moved_rad) > TAKEN_UP_RAD, sign, np.where(is_kept, before, 0.0))
 
 
 def outcomes_covariance_mm2(outcomes: Sequence[Outcome], model: TrackerUncertainty) -> Array:
@@ -486,6 +516,7 @@ def outcomes_covariance_mm2(outcomes: Sequence[Outcome], model: TrackerUncertain
 
 
 def _points_mm(outcomes: Sequence[Outcome]) -> Array:
+    """Return the points of outcomes in the tracker's frame, (N, 3)."""
     return np.array([outcome.point_in_tracker_mm for outcome in outcomes]).reshape(-1, 3)
 
 

@@ -1,4 +1,9 @@
-"""shots.csv: measured shots, from and to other software."""
+"""shots.csv: measured shots, from and to other software.
+
+One row is one shot: its pair, its joints, and the point in the tracker's frame. All other columns
+are optional, and are written only if a row fills them. A file without points, whose rows have names
+instead, is joined with a point file (`joined_shots`).
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -31,36 +36,36 @@ from drivers.values import Matrix3, Vector3, is_positive_definite, vector
 COVARIANCE_COLUMNS = ("sxx", "sxy", "sxz", "syy", "syz", "szz")
 NOWHERE_MM = (math.nan, math.nan, math.nan)
 SESSION = "session"
-"""Column of the tracker's station, a number."""
+"""Column of the session's number: the tracker stands at another place in each."""
 TEMPERATURES = ("temperature_degC", "part_temperature_degC")
 
 
 @dataclass(frozen=True, slots=True)
 class ShotRow:
-    """Measured shot: joint values, and the reflector's place in the tracker's frame.
-
-    `joints` are () of a known length or nest, measured without the robot. `pair` is None for sets
-    without pairs. `turn` is that of the commanded pose: what it has beyond
-    a place, rad; empty where that is nothing or not known. `time` is as the file says it. None: not
-    known.
-    """
+    """Measured shot: joint values, and the reflector's place in the tracker's frame."""
 
     pair: int | None
+    """Number of the shot's pair; None for sets without pairs."""
     joints: tuple[float, ...]
+    """Joint values (n,), rad or mm; () for a known length or nest, measured without the robot."""
     point_in_tracker_mm: Vector3
     purpose: ShotSet = ShotSet.IDENTIFICATION
     turn: tuple[float, ...] = ()
+    """Coordinates of the commanded pose beyond a place, rad; () if it has none or is unknown."""
     covariance_mm2: Matrix3 | None = None
+    """Covariance of the point as stated; None: not stated."""
     temperature_degC: float | None = None
-    """Of the air."""
+    """Temperature of the air; None: unknown."""
     time: str | None = None
+    """Time as the file states it; None: unknown."""
     nest: str = ""
+    """Name of the nest that was measured; "" for the robot's reflector."""
     approach: tuple[int, ...] = ()
-    """+1 where a joint last moved towards larger values, -1 smaller, 0 unknown; (): of none."""
+    """+1 where a joint last moved to larger values, -1 smaller, 0 unknown; (): all unknown."""
     part_temperature_degC: float | None = None
     """Temperature of the robot's parts; None: not measured."""
     session: int = 0
-    """Number of the tracker's station that it was measured from; 0 where all have one."""
+    """Number of the session it was measured in; 0 if all are of one."""
 
 
 def time_order(times: Sequence[str]) -> tuple[Index | None, str]:
@@ -77,6 +82,7 @@ def times_s(times: Sequence[str]) -> tuple[Array | None, str]:
 
     With the reason in words, empty where they are.
     """
+    # Numbers are tried first: `20260301` counts seconds if all others are numbers, else is a date.
     if not any(times):
         return None, "there is no column time"
     if not all(times):
@@ -90,25 +96,29 @@ def times_s(times: Sequence[str]) -> tuple[Array | None, str]:
 
 
 def _numbers(times: Sequence[str]) -> list[float]:
+    """Return times that are numbers of seconds; raise `ValueError` for others."""
     return [float(text) for text in times]
 
 
 def _moments(times: Sequence[str]) -> list[float]:
     """Return seconds of dates and times; raise `ValueError` for others, and for mixed zones."""
-    read = [datetime.fromisoformat(text) for text in times]
-    if len({each.tzinfo is None for each in read}) > 1:
+    moments = [datetime.fromisoformat(text) for text in times]
+    if len({moment.tzinfo is None for moment in moments}) > 1:
         raise ValueError("some times have a zone")
-    return [(each if each.tzinfo else each.replace(tzinfo=UTC)).timestamp() for each in read]
+    # Only differences count, so times without a zone may all be taken as UTC.
+    return [
+        (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp() for moment in moments
+    ]
 
 
 def in_unit(rows: Sequence[ShotRow], mm: float) -> Iterator[ShotRow]:
-    """Convert rows whose lengths were written in a unit of so many mm."""
+    """Convert points and covariances of rows that were written in a unit of `mm` millimetres."""
     for row in rows:
         covariance = row.covariance_mm2
         if covariance is not None:
-            x, y, z = (vector(mm**2 * each for each in line) for line in covariance)
+            x, y, z = (vector(mm**2 * value for value in line) for line in covariance)
             covariance = (x, y, z)
-        point_mm = vector(mm * each for each in row.point_in_tracker_mm)
+        point_mm = vector(mm * value for value in row.point_in_tracker_mm)
         yield replace(row, point_in_tracker_mm=point_mm, covariance_mm2=covariance)
 
 
@@ -161,6 +171,8 @@ def shots_text(shots: Sequence[ShotRow], mechanism: ClosedChain) -> str:
 def _form(mechanism: ClosedChain, *, with_points: bool = True) -> CsvForm:
     """Return the columns of shots.csv, or of a file of named joints."""
     points = [number_column(name, required=True) for name in columns.POINT_COLUMNS]
+    # Other software writes the sides of joints as side0, side1, …: both names are read, ours is
+    # written, because rows fill only the columns with our names.
     return CsvForm(
         (
             *(() if with_points else (CsvColumn("name"),)),
@@ -186,6 +198,8 @@ def _turns(mechanism: ClosedChain) -> tuple[Axis, ...]:
 
 
 def _shot_of(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
+    """Return the shot of a row; raise `ShotsInvalid` with its line."""
+    # The set comes first: it decides whether pair, joints and nest must be filled or empty.
     purpose = columns.shot_set(row, default)
     has_point = columns.POINT_COLUMNS[0] in row.texts
     x_mm, y_mm, z_mm = row.values(columns.POINT_COLUMNS) if has_point else NOWHERE_MM
@@ -206,6 +220,7 @@ def _shot_of(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
 
 
 def _covariance_of(row: CsvRow) -> Matrix3 | None:
+    """Return the covariance of a row, None if it has none; raise `ShotsInvalid` for half of one."""
     empty = [column for column in COVARIANCE_COLUMNS if not row.text(column)]
     if len(empty) == len(COVARIANCE_COLUMNS):
         return None
@@ -236,12 +251,12 @@ def _values_of(shot: ShotRow, mechanism: ClosedChain) -> dict[str, object]:
         SESSION: shot.session or None,
         **{name: getattr(shot, name) for name in TEMPERATURES},
     }
-    for names, own in (
+    for names, cells in (
         (columns.axis_columns(mechanism.joints), shot.joints),
         (columns.axis_columns(_turns(mechanism)), shot.turn),
         (columns.approach_columns(mechanism.joints), shot.approach),
         (columns.POINT_COLUMNS, shot.point_in_tracker_mm),
         (COVARIANCE_COLUMNS, upper),
     ):
-        values |= zip(names, own, strict=False)  # all of them, or none
+        values |= zip(names, cells, strict=False)  # () leaves all of these columns empty
     return values

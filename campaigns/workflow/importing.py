@@ -33,8 +33,8 @@ from campaigns.kinematics.mechanism import Kinematics
 from campaigns.options import ValidationStage
 from campaigns.robots.reduced_form import form_of
 from campaigns.settings.sections import TrackerConfig
-from campaigns.shots.import_export import ImportedFile, append_import, refuse_copies
-from campaigns.shots.point_files import LengthUnit
+from campaigns.shots.import_export import ImportedFile, ImportedSeries, append_import, refuse_copies
+from campaigns.shots.point_words import LengthUnit
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, time_order
 from campaigns.workflow import validation
@@ -88,9 +88,8 @@ def import_shots(
     _check(campaign, rows, terms, {"import"} if terms.anyway else set())
     order = _order(rows, terms)
     with campaign.journal() as journal:
-        return append_import(
-            journal, rows, robot.kinematics, robot.digest(), settings, terms.files, order=order
-        )
+        imported = ImportedSeries(robot.digest(), settings, terms.files)
+        return append_import(journal, rows, robot.kinematics, imported, order)
 
 
 def declared_set(
@@ -185,17 +184,14 @@ def import_validation(
         # a form from a file that older software exported: its loss is not in the journal yet
         if held.projection is not None and state.form is None:
             journal.append(Finding("export", asdict(held)))
-        series = append_import(
-            journal,
-            rows,
-            kinematics,
+        imported = ImportedSeries(
             held.digest,
             settings,
             terms.files,
             stage="after by targets" if by_targets else stage,
             declared=held.file,
-            order=order,
         )
+        series = append_import(journal, rows, kinematics, imported, order)
         return validation.record_validation(campaign, journal, series, stage, held.by)
 
 

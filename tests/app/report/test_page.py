@@ -31,7 +31,7 @@ from campaigns.identification.result import Excluded, Frame, Pedigree, Scatter, 
 from campaigns.journal.records import Event, Intent, PairVoided, Rejected, SeriesStarted
 from campaigns.kinematics.catalog import PAR4
 from campaigns.settings.sections import AcceptanceConfig, PeopleConfig
-from campaigns.shots.import_export import ImportedFile, append_import
+from campaigns.shots.import_export import ImportedFile, ImportedSeries, append_import
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow
 from drivers.values import Identity, Pose
@@ -390,7 +390,7 @@ def test_an_import_names_its_files_and_is_never_called_simulated(tmp_path: Path)
     file = ImportedFile("points of May.csv", "5e" * 32)
     with paper.journal() as journal:
         for files in ((), (file,)):
-            append_import(journal, rows, NOMINAL.robot.kinematics, "r", {}, files)
+            append_import(journal, rows, NOMINAL.robot.kinematics, ImportedSeries("r", {}, files))
     words = words_of(html(paper))
     assert "Simulated" not in words
     assert f"2 points of May.csv {'5e' * 32}" in words

@@ -4,14 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.shots.shots import import_note, noted
+from campaigns.shots.shots import import_note, read_note
 
 AIRS = st.none() | st.floats(allow_nan=False, allow_infinity=False)
 
 
 @given(air=AIRS, time=st.none() | st.text())
 def test_whatever_was_noted_is_read_again(air: float | None, time: str | None) -> None:
-    assert noted(import_note(air, time)) == (air, time)
+    assert read_note(import_note(air, time)) == (air, time)
 
 
 @pytest.mark.parametrize(
@@ -24,4 +24,4 @@ def test_whatever_was_noted_is_read_again(air: float | None, time: str | None) -
     ],
 )
 def test_a_note_says_what_it_holds(note: str, said: tuple[float | None, str | None]) -> None:
-    assert noted(note) == said
+    assert read_note(note) == said

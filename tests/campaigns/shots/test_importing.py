@@ -13,6 +13,7 @@ from campaigns.errors import ShotsInvalid
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.shots.import_export import (
     ImportedFile,
+    ImportedSeries,
     append_import,
     exported_shots,
     imported_files,
@@ -22,6 +23,7 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 from campaigns.shots.shots_csv import ShotRow, parse_shots, shots_text, time_order
 
+SERIES = ImportedSeries(ROBOT.digest(), {})
 COVARIANCE_MM2 = ((1e-4, 1e-5, 0.0), (1e-5, 2e-4, 0.0), (0.0, 0.0, 3e-4))
 
 
@@ -34,7 +36,7 @@ def rows() -> tuple[ShotRow, ...]:
 
 def imported(folder: Path, shots: tuple[ShotRow, ...]):
     with plain_journal(folder) as journal:
-        series = append_import(journal, shots, NOMINAL, ROBOT.digest(), {"name": "test"})
+        series = append_import(journal, shots, NOMINAL, SERIES)
         return journal.latest_series("import"), journal.shots(series)
 
 
@@ -76,16 +78,16 @@ def test_joints_that_the_nominal_robot_cannot_take_are_refused_before_anything_i
     shots = (*rows()[:3], replace(rows()[3], joints=wrong), *rows()[4:])
     with plain_journal(tmp_path) as journal:
         with pytest.raises(ShotsInvalid, match="shot 4 of the file: the nominal robot cannot"):
-            append_import(journal, shots, NOMINAL, ROBOT.digest(), {})
+            append_import(journal, shots, NOMINAL, SERIES)
         assert journal.last_number() == 0
 
 
 def test_of_an_import_that_breaks_off_nothing_is_taken_in(tmp_path: Path) -> None:
     with plain_journal(tmp_path) as journal:
         with pytest.raises(IndexError):
-            append_import(journal, rows(), NOMINAL, ROBOT.digest(), {}, order=np.array([0, 1, 99]))
+            append_import(journal, rows(), NOMINAL, SERIES, np.array([0, 1, 99]))
         assert journal.last_number() == 0
-        again = append_import(journal, rows(), NOMINAL, ROBOT.digest(), {})
+        again = append_import(journal, rows(), NOMINAL, SERIES)
         assert (again, len(journal.shots(again))) == (1, len(rows()))
 
 
@@ -96,7 +98,7 @@ def test_shots_are_numbered_as_the_rows_and_written_in_the_order_of_time(tmp_pat
     assert order is not None
     assert (order.tolist(), lacking) == ([1, 0, 2, 3, 4, 5, 6, 7], "")
     with plain_journal(tmp_path) as journal:
-        series = append_import(journal, told, NOMINAL, ROBOT.digest(), {}, order=order)
+        series = append_import(journal, told, NOMINAL, SERIES, order)
         data = shots_of_journal(journal.shots(series), ROBOT.mechanism)
     assert data.numbers == tuple(range(8))
     assert data.points_in_tracker_mm[:, 0].tolist() == [1001.0 + row for row in range(8)]
@@ -136,7 +138,7 @@ def test_copies_of_pairs_are_found_in_the_file_and_in_the_journal(tmp_path: Path
     refuse_copies([*once, *still], (), "f.csv")
     other = [replace(row, point_in_tracker_mm=(0.0, 0.0, 1.0 + row.joints[0])) for row in once]
     with plain_journal(tmp_path) as journal:
-        append_import(journal, once[4:], NOMINAL, ROBOT.digest(), {})
+        append_import(journal, once[4:], NOMINAL, SERIES)
         refuse_copies(other, journal.series(), "f.csv")
         with pytest.raises(ShotsInvalid, match=r"shot 4 is a copy of shot 0 of series 1 "):
             refuse_copies(once, journal.series(), "f.csv")
@@ -150,7 +152,9 @@ def test_names_and_digests_of_the_files_are_kept_with_the_series(tmp_path: Path)
     abc = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
     assert files[0] == ImportedFile("points.txt", abc)
     with plain_journal(tmp_path) as journal:
-        append_import(journal, rows(), NOMINAL, ROBOT.digest(), {"name": "test"}, files)
+        append_import(
+            journal, rows(), NOMINAL, ImportedSeries(ROBOT.digest(), {"name": "test"}, files)
+        )
         started = journal.series("import")[0].started
     assert imported_files(started) == files
     assert started.configuration["name"] == "test"

@@ -9,7 +9,8 @@ from refusals import refusal
 from campaigns.errors import ShotsInvalid
 from campaigns.kinematics.catalog import PAR4
 from campaigns.shots.joined_shots import join_shots
-from campaigns.shots.point_files import PointFormat, read_points
+from campaigns.shots.point_files import read_points
+from campaigns.shots.point_layout import PointFormat
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import read_shots
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from refusals import refusal
 
 from campaigns.errors import ShotsInvalid
-from campaigns.shots.point_files import PointFormat, parse_points, read_points
+from campaigns.shots.point_files import parse_points, read_points
+from campaigns.shots.point_layout import PointFormat
 
 SPATIAL_ANALYZER = """\
 // SpatialAnalyzer, frame: Tracker 1

@@ -7,7 +7,7 @@ from campaigns.journal.records import Intent, Outcome, SeriesStarted
 from campaigns.journal.views import AcceptedShot, Series
 from campaigns.kinematics.catalog import PAR4
 from campaigns.robots.robot import find_robot
-from campaigns.shots.import_export import append_import, exported_shots
+from campaigns.shots.import_export import ImportedSeries, append_import, exported_shots
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow
 from drivers.values import Pose, Weather
@@ -65,7 +65,8 @@ def test_imported_shots_come_out_as_they_came_in(tmp_path):
     robot = find_robot("par4-prototype").robot
     path = tmp_path / "campaign.db"
     with open_journal(path, now_utc=lambda: MEASURED) as journal:
-        number = append_import(journal, rows, robot.kinematics, robot.digest(), {})
+        origin = ImportedSeries(robot.digest(), {})
+        number = append_import(journal, rows, robot.kinematics, origin)
         found = journal.latest_series("import")
         exported, _ = exported_shots(found, journal.shots(number), robot.mechanism)
     assert exported == rows

@@ -6,7 +6,8 @@ import pytest
 from timed_pipe import HandClock
 
 from campaigns.errors import ShotsInvalid
-from campaigns.shots.point_files import PointFormat, data_rows, point_of_row
+from campaigns.shots.point_files import data_rows, point_of_row
+from campaigns.shots.point_layout import PointFormat
 from drivers.declaration import Surroundings
 from drivers.errors import Cancelled, ImplausibleAnswer, LinkDown, NotAMeasurement
 from drivers.watch_file import WatchedTracker, WatchSettings, recorded_measurement

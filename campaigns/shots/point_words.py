@@ -1,0 +1,194 @@
+"""Words of point files: cells of a line, meanings of headings, notations of numbers.
+
+Software names the columns of points in many ways, so a heading is not looked up whole but cut into
+words: `X [mm]`, `x_mm`, `Y act`, `U(95) Z [mm]`, `σx`. Each word has one meaning (an axis, a unit,
+nominal or actual, an uncertainty) or none. A heading with exactly one axis and no word without a
+meaning is a coordinate, or its uncertainty; a word that is not understood may change what a column
+is (`dX`), so its column is never taken for one. All other headings are names, times or unused.
+
+Numbers have several notations as well: `2,5` may be 2.5 or two cells, `1.234` may be 1234. Here all
+of them are recognised; which one counts is for the caller to say.
+"""
+
+import csv
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from campaigns.arrays import AXES
+from campaigns.files.csv_file import NUMBER, WITH_COMMA
+
+LengthUnit = Literal["mm", "m", "inch", "ft", "cm", "um"]
+_UNITS: Mapping[LengthUnit, tuple[float, str]] = {
+    "mm": (1.0, "mm millimeter millimeters millimetre millimetres"),
+    "m": (1000.0, "m meter meters metre metres"),
+    "inch": (25.4, "inch inches in zoll"),
+    "ft": (304.8, "ft foot feet"),
+    "cm": (10.0, "cm centimeter centimeters centimetre centimetres"),
+    "um": (1e-3, "um µm μm micron microns micrometer micrometers micrometre micrometres"),
+}
+"""Each unit in mm, and its words in headers: the two signs of micro are two characters."""
+MM_PER_UNIT: Mapping[LengthUnit, float] = {unit: mm for unit, (mm, _) in _UNITS.items()}
+Coordinates = Literal["actual", "nominal"]
+DecimalSign = Literal["point", "comma"]
+_WORD_MEANINGS: Mapping[str, str] = {
+    word: meaning
+    for meaning, words in {
+        **{axis: axis for axis in AXES},
+        **{str(unit): words for unit, (_, words) in _UNITS.items()},
+        "actual": "actual act measured meas ist",
+        "nominal": "nominal nom theoretical soll",
+        "sigma": "σ sigma s u std stdev stddev rms",
+        "expanded": "U 95",
+        "filler": "coordinate coordinates coord position pos value",
+    }.items()
+    for word in words.split()
+}
+"""Meanings of the words in headings of coordinates; u is a standard uncertainty, U an expanded."""
+_UNIT_WORDS = frozenset(word for word, unit in _WORD_MEANINGS.items() if unit in MM_PER_UNIT)
+_GROUP_HEADINGS = ("collection", "group")
+"""Headings of the first parts of a name, as SpatialAnalyzer has them."""
+_NAME_HEADINGS = (
+    *("name", "point name", "pointname", "point id", "pointid", "point", "id", "label"),
+    *("punktname", "punktnummer", "punkt", "pt", "target"),
+    *("no", "nr", "number", "seq", "index"),
+)
+"""Headings of a point's name, the most certain first."""
+_TIME_WORDS = frozenset({"time", "stamp", "timestamp", "date", "datetime", "utc"})
+SEPARATORS: Mapping[str, str] = {";": "semicolons", "\t": "tabs", ",": "commas", "": "blanks"}
+UNIT_LINE = re.compile(
+    r"(?:(?:lengths?|linear|distances?|coordinates?)\W*)?(?:units?|einheit(?:en)?)\b(.*)", re.I
+)
+_WORD = re.compile(r"[^\W\d_]+|\d+")
+_AXIS_WORD = re.compile(r"(σ|sigma|s|u)?([xyz])(.*)", re.I)
+GROUPED = re.compile(
+    r"[+-]?\d{1,3}(?P<mark>[.,'’ \u00a0\u2009\u202f])\d{3}(?:(?P=mark)\d{3})*(?P<rest>[.,]\d*)?",
+    re.ASCII,
+)
+"""Number with thousands separators: an apostrophe or a blank of any width, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """Heading of a column, and what its words mean of a coordinate."""
+
+    text: str
+    words: tuple[str, ...]
+    axis: str
+    role: str
+    """Meaning as in a layout's `order`."""
+    coordinates: str
+    """Set of coordinates: `actual`, `nominal`, or empty if none is named."""
+    unit: LengthUnit | None
+    """Unit in the heading; None for none, or for several."""
+    unknown: str
+    """Word beside the axis that is neither unit nor set, or several units; "" for none."""
+
+
+def split_line(line: str, separator: str) -> tuple[str, ...]:
+    """Cut a line at a separator, or at blanks, as CSV with quotes."""
+    text = line if separator else " ".join(line.split())
+    # A line that CSV refuses, as one with a cell beyond its limit of size, is one cell.
+    with suppress(csv.Error):
+        cells = next(csv.reader([text], delimiter=separator or " ", skipinitialspace=True))
+        return tuple(cell.strip() for cell in cells)
+    return (line,)
+
+
+def possible_splits(line: str) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield each separator that a line may have, with the line cut there."""
+    for separator in SEPARATORS:
+        if separator in line:
+            yield separator, split_line(line, separator)
+
+
+# 1. Words: runs of letters or of digits. `coordX` is two words, `Xmm` and `σx` are axis and rest.
+#    Case matters for one word alone: U is an expanded uncertainty, u a standard one. `in` is inch,
+#    unless another unit stands beside it.
+# 2. Meanings of the words, and the words without one.
+# 3. The role: a coordinate or its uncertainty if all words have a meaning and one is an axis.
+def parse_heading(text: str) -> Heading:
+    """Return what a heading means: `X`, `x_mm`, `"X  [mm]"`, `Y act`, `U(95) Z [mm]`, `σx`."""
+    words: list[str] = []
+    for word in _WORD.findall(re.sub(r"(?<=[a-z])(?=[XYZ]\b)", " ", text)):  # coordX, dX
+        glued = _AXIS_WORD.fullmatch(word)
+        if glued and (not glued[3] or glued[3].lower() in _WORD_MEANINGS):
+            words += [part for part in glued.groups() if part]
+        else:
+            words.append(word)
+    words = [word if word == "U" else word.lower() for word in words]
+    if "in" in words and len(_UNIT_WORDS.intersection(words)) > 1:
+        words.remove("in")  # `X in mm`
+    meanings = {_WORD_MEANINGS[word]: word for word in words if word in _WORD_MEANINGS}
+    axes = [axis for axis in AXES if axis in meanings]
+    units: list[LengthUnit] = [unit for unit in MM_PER_UNIT if unit in meanings]
+    sets = [coordinates for coordinates in get_args(Coordinates) if coordinates in meanings]
+    unknown = [word for word in words if word not in _WORD_MEANINGS]
+    if len(units) > 1:
+        unknown.append(" ".join(units))
+    role = "-"
+    if len(axes) == 1 and not unknown:
+        # `U(95)` has the words U and 95, both of an expanded uncertainty
+        kind = "u" if "expanded" in meanings else "s" if "sigma" in meanings else ""
+        role = f"{kind}{axes[0]}"
+    elif words and _TIME_WORDS.issuperset(words):
+        role = "time"
+    elif " ".join(words) in (*_GROUP_HEADINGS, *_NAME_HEADINGS):
+        role = "name"
+    return Heading(
+        text=text,
+        words=tuple(words),
+        axis=axes[0] if len(axes) == 1 else "",
+        role=role,
+        coordinates=sets[0] if sets else "",
+        unit=units[0] if len(units) == 1 else None,
+        unknown=unknown[0] if unknown else "",
+    )
+
+
+def parse_headings(line: str, separator: str) -> list[Heading]:
+    """Return the headings of a header line; a unit may stand in a cell of its own: `X, in`."""
+    headings: list[Heading] = []
+    for cell in split_line(line, separator):
+        heading = parse_heading(cell)
+        is_unit = bool(heading.words) and _UNIT_WORDS.issuperset(heading.words)
+        if is_unit and headings and headings[-1].axis and not headings[-1].unit:
+            headings[-1] = parse_heading(f"{headings[-1].text} {cell}")
+        else:
+            headings.append(heading)
+    return headings
+
+
+def name_places(headings: Sequence[Heading]) -> list[int]:
+    """Return the columns of a point's name: collection, group and name, else a running number."""
+    texts = [" ".join(heading.words) for heading in headings]
+    groups = [place for place, text in enumerate(texts) if text in _GROUP_HEADINGS]
+    # Beside a collection or group a target is a point; alone it is the kind of reflector.
+    usable = [name for name in _NAME_HEADINGS if groups or name != "target"]
+    names = [texts.index(name) for name in usable if name in texts][:1]
+    # groups without a name would give all points of a group the same name
+    return [*groups, *names] if names else []
+
+
+def is_number(text: str) -> bool:
+    """Return whether a text is a number in any notation."""
+    return any(form.fullmatch(text) for form in (NUMBER, WITH_COMMA, GROUPED))
+
+
+def number_value(text: str, decimal: DecimalSign | None) -> float | None:
+    """Return a number in the notation of a decimal sign; None for any other text.
+
+    Without a decimal sign numbers have a point, and no thousands separators.
+    """
+    # 1. Take out thousands separators, if their mark is not the decimal sign, and what follows is.
+    sign = "," if decimal == "comma" else "."
+    if decimal and (grouped := GROUPED.fullmatch(text)):
+        mark, decimals = grouped["mark"], grouped["rest"] or sign
+        if mark != sign and decimals[0] == sign:
+            text = text.replace(mark, "")
+    # 2. Turn decimal commas into points. A point that is left then is neither: `?` is in no number.
+    if decimal == "comma":
+        text = text.replace(".", "?").replace(",", ".")
+    return float(text) if NUMBER.fullmatch(text) else None
