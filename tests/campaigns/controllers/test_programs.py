@@ -2,6 +2,7 @@
 
 import csv
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ from command_line import change
 
 from app.main import run_command
 from app.new_campaign import create_for_devices
-from campaigns.campaign import open_campaign
+from campaigns.arrays import Array
+from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.evidence import evaluate, is_program_there
+from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.next_step import next_step, state_of
 from campaigns.options import PlanOptions, ProgramOptions
@@ -29,52 +32,51 @@ SMALL = {
     "validation.rotation_steps": 3,
     "validation.line_points": 3,
 }
-PLAN = PlanOptions(shots=16)
 
 
-@pytest.fixture(scope="module", params=["par4-prototype", "linear-delta"])
-def campaign(request, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("offline") / "cell"
-    create_for_devices(folder, request.param, OFFLINE, OFFLINE)
+def offline_campaign(folder: Path, robot: str) -> Campaign:
+    create_for_devices(folder, robot, OFFLINE, OFFLINE)
     change(folder / "campaign.yaml", SMALL)
-    plan(open_campaign(folder), PLAN)
-    return open_campaign(folder)
+    campaign = open_campaign(folder)
+    plan(campaign, PlanOptions(shots=16))
+    return campaign
 
 
-def stops(path, task):
-    """Poses (N, t) of the shots of a program, mm and rad, and the rows of all stops."""
-    rows = list(csv.DictReader(path.read_text().splitlines()))
-    at = [[axis.from_file(float(row[axis.column])) for axis in task] for row in rows if row["shot"]]
-    return np.array(at), rows
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    return offline_campaign(tmp_path_factory.mktemp("offline") / "cell", "linear-delta")
 
 
-def test_program_stops_at_each_shot_of_the_plan_in_order_and_says_which_plan(campaign):
+def values_of(rows: list[dict[str, str]], axes: tuple[Axis, ...]) -> Array:
+    """Values (N, k) of the columns of these axes, mm and rad."""
+    return np.array([[axis.from_file(float(row[axis.column])) for axis in axes] for row in rows])
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.read_text().splitlines()))
+
+
+@pytest.mark.parametrize("robot", ["par4-prototype", "linear-delta"])
+def test_program_stops_at_each_shot_of_the_plan_in_order_and_says_which_plan(tmp_path, robot):
+    campaign = offline_campaign(tmp_path / "cell", robot)
     run, before = write_programs(campaign, ProgramOptions(program="csv"))
-    shots, robot = campaign.read_plan(), campaign.robot
-    at, rows = stops(run.path, robot.mechanism.task)
-    assert np.abs(at - [pose_row(shot.pose) for shot in shots]).max() < ROUNDED
-    assert [row["shot"] for row in rows if row["shot"]] == [str(shot.shot) for shot in shots]
-    config = campaign.config
-    dwell_s = config.settle.time_s + config.tracker.measuring_time_s
-    assert {(row["set"] == "passes", float(row["dwell_s"])) for row in rows} >= {(False, dwell_s)}
-    text, digest = run.path.read_text(), plan_digest(shots, robot.mechanism)
-    assert text.isascii()
-    assert digest in text
+    shots, mechanism, rows = campaign.read_plan(), campaign.robot.mechanism, rows_of(run.path)
+    stops = [row for row in rows if row["shot"]]
+    assert [row["shot"] for row in stops] == [str(shot.shot) for shot in shots]
+    poses = values_of(stops, mechanism.task)
+    assert np.abs(poses - [pose_row(shot.pose) for shot in shots]).max() < ROUNDED
+    joints = values_of(rows_of(run.joints_path), mechanism.joints)
+    assert np.abs(joints - [shot.joints for shot in shots]).max() < ROUNDED
+    settings = campaign.config
+    dwell_s = settings.settle.time_s + settings.tracker.measuring_time_s
+    assert {float(row["dwell_s"]) for row in stops} == {dwell_s}
+    assert {float(row["dwell_s"]) for row in rows if row["set"] == "passes"} <= {0.0}
+    digest = plan_digest(shots, mechanism)
+    assert run.path.read_text().isascii()
     assert is_program_there(campaign.folder, "run", digest)
     assert not is_program_there(campaign.folder, "run", "another")
     assert state_of(evaluate(campaign)).program
-    assert len(stops(before.path, robot.mechanism.task)[0]) == before.shots
-
-
-def test_joints_of_a_program_are_those_of_the_plan(campaign):
-    (run,) = write_programs(campaign, ProgramOptions(program="csv", stage="run"))
-    with run.joints_path.open() as file:
-        rows = list(csv.DictReader(file))
-    axes = campaign.robot.mechanism.joints
-    found = [[axis.from_file(float(row[axis.column])) for axis in axes] for row in rows]
-    assert (
-        np.abs(np.subtract(found, [shot.joints for shot in campaign.read_plan()])).max() < ROUNDED
-    )
+    assert len([row for row in rows_of(before.path) if row["shot"]]) == before.shots
 
 
 @pytest.mark.parametrize("by", ["parameters", "targets"])
@@ -88,30 +90,30 @@ def test_program_after_calibration_is_of_what_was_written_for_the_controller(who
     (after,) = write_programs(campaign, ProgramOptions(program="csv", stage="after"))
     written = declared_set(campaign, "after")
     assert written.by == by
-    nominal = campaign.robot.kinematics
-    identified = Kinematics.of(nominal.mechanism, written.wanted)
-    at, _ = stops(after.path, nominal.mechanism.task)
-    rows = list(csv.DictReader(after.joints_path.read_text().splitlines()))
-    own = np.array([[float(row[f"q{n}_deg"]) for n in range(4)] for row in rows])
+    nominal, mechanism = campaign.robot.kinematics, campaign.robot.mechanism
+    identified = Kinematics.of(mechanism, written.wanted)
     held = identified if by == "parameters" else nominal
-    assert np.abs(np.degrees(held.inverse(at).values) - own).max() < 1e-5
+    rows = rows_of(after.joints_path)
+    joints = values_of(rows, mechanism.joints)
+    poses = values_of([row for row in rows_of(after.path) if row["shot"]], mechanism.task)
+    assert np.abs(held.inverse(poses).values - joints).max() < ROUNDED
     pairs = [row["pair"] for row in rows if row["set"] == "validation"]
     unseen = [s for s in campaign.read_plan() if str(s.pair) in pairs]  # within reach, in order
     assert len(unseen) == len(pairs) >= 4
     wanted_joints = identified.inverse(np.array([pose_row(s.pose) for s in unseen])).values
-    assert np.abs(own[: len(pairs)] - np.degrees(wanted_joints)).max() < 1e-5
+    assert np.abs(joints[: len(pairs)] - wanted_joints).max() < ROUNDED
     assert is_program_there(folder, "after", written.digest)
 
 
-def test_program_after_is_refused_before_an_export_and_its_options_without_a_program(campaign):
+def test_program_after_is_refused_before_an_export_and_its_options_without_a_program(planned):
     with pytest.raises(OptionsInvalid, match="nothing says what the controller held"):
-        write_programs(campaign, ProgramOptions(program="csv", stage="after"))
+        write_programs(planned, ProgramOptions(program="csv", stage="after"))
     with pytest.raises(OptionsInvalid, match="--stage is for programs"):
         ProgramOptions(stage="run")
 
 
-def test_program_of_an_older_plan_is_asked_for_again(campaign, tmp_path):
-    folder = shutil.copytree(campaign.folder, tmp_path / "cell")
+def test_program_of_an_older_plan_is_asked_for_again(planned):
+    folder = planned.folder
     before = (folder / "plan.csv").read_bytes()
     assert run_command(["plan", str(folder), "--program", "csv"]) == 0
     assert (folder / "plan.csv").read_bytes() == before

@@ -1,0 +1,90 @@
+"""A file that should not be loaded is refused with its reason, before anything is written."""
+
+from dataclasses import replace
+
+import pytest
+from par4_space import with_values
+
+from campaigns.controllers.load_checks import (
+    file_objections,
+    held_objections,
+    read_parameter_file,
+    refuse,
+    serial_objections,
+)
+from campaigns.errors import ConfigInvalid
+from campaigns.robots.robot import RobotFile, find_robot, read_robot
+from campaigns.robots.schema import Tolerance
+
+
+@pytest.fixture(scope="module")
+def nominal(exported_once) -> RobotFile:
+    return exported_once.campaign.robot
+
+
+@pytest.fixture(scope="module")
+def exported(exported_once) -> RobotFile:
+    return read_robot(exported_once.folder / "robot-compensated.yaml").robot
+
+
+def reasons(robot: RobotFile, nominal: RobotFile) -> list[str]:
+    return [objection.problem for objection in file_objections(robot, "paper", nominal)]
+
+
+@pytest.mark.parametrize(
+    ("stated", "reason"),
+    [
+        ({"nominal_digest": "0" * 64, "nominal_robot": "line-9"}, "rests on another nominal robot"),
+        ({"campaign": "press 4"}, "is of the campaign 'press 4', this one is 'paper'"),
+        ({"verdict": "fail"}, "verdict is 'fail', must be 'pass'"),
+    ],
+)
+def test_file_of_another_origin_is_objected_to(exported, nominal, stated, reason) -> None:
+    (objection,) = reasons(replace(exported, provenance=exported.provenance | stated), nominal)
+    assert reason in objection
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("arm2.arm_mm", 520.0, "arm2.arm_mm changed by +170 mm, tolerance ± 10 mm"),
+        ("arm1.joint_offset_deg", 45.0, "arm1.joint_offset_deg changed by +45°, tolerance ± 5°"),
+    ],
+)
+def test_change_beyond_the_tolerance_is_objected_to(exported, nominal, name, value, reason) -> None:
+    assert reasons(with_values(exported, {name: value}), nominal) == [reason]
+    (held,) = held_objections(nominal.parameters | {name: value}, nominal)
+    assert held.problem == f"what the controller holds is far from nominal: {reason}"
+
+
+def test_robots_own_tolerance_counts(exported, nominal) -> None:
+    strict = replace(nominal, tolerance=Tolerance(length_mm=0.5, angle_deg=5.0))
+    assert any("tolerance ± 0.5 mm" in reason for reason in reasons(exported, strict))
+
+
+def test_exported_and_nominal_set_are_welcome_and_a_set_without_origin_is_not(exported, nominal):
+    assert reasons(exported, nominal) == reasons(nominal, nominal) == []
+    (objection,) = reasons(replace(exported, provenance=None), nominal)
+    assert objection == "it does not say where its parameters come from"
+
+
+def test_serial_numbers_are_compared_where_both_are_known() -> None:
+    assert [*serial_objections("R-2", "R-1")]
+    for expected, connected in (("R-1", "R-1"), (None, "R-1"), ("", "R-1"), ("R-2", "")):
+        assert not [*serial_objections(expected, connected)]
+
+
+def test_all_objections_are_raised_in_one_line(exported_once) -> None:
+    refuse(exported_once.folder, ())
+    both = [ConfigInvalid("one", remedy="mend it"), ConfigInvalid("two", remedy="-")]
+    with pytest.raises(ConfigInvalid, match=r"not loaded: one; two → mend it; --force"):
+        refuse(exported_once.folder, both)
+
+
+def test_missing_file_and_file_of_another_mechanism_are_refused(exported_once, tmp_path) -> None:
+    nominal, path = exported_once.campaign.robot, tmp_path / "delta.yaml"
+    with pytest.raises(ConfigInvalid, match=r"there is no such file .*pkmcal export"):
+        read_parameter_file(path, tmp_path, nominal)
+    path.write_text(find_robot("delta").document.text, encoding="utf-8")
+    with pytest.raises(ConfigInvalid, match="of a delta, this campaign's robot is a par4"):
+        read_parameter_file(path, tmp_path, nominal)
