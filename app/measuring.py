@@ -156,7 +156,7 @@ def _measure_once(
     plain: bool,
 ) -> Result:
     """Connect, measure what the series lacks, and finish the job."""
-    campaign, wishes = job.campaign, Wishes()
+    campaign, wishes = job.campaign, Wishes(stop)
     with terminal.watching(job.title, plain=plain or campaign.is_by_hand) as display:
         prompt = terminal.prompt(display, stop)
         with (
@@ -172,9 +172,7 @@ def _measure_once(
             if prompt is not None:
                 cell = _with_operator(cell, prompt, waits_for_beam=not clearance.is_given)
             with campaign.opened_journal() as journal:
-                series = measure_series(
-                    cell, journal, work, display, stop, anew=anew, wishes=wishes
-                )
+                series = measure_series(cell, journal, work, display, wishes, anew=anew)
                 return job.finish(journal, series)
 
 

@@ -75,8 +75,8 @@ class RunLines(RunObserver):
         if progress is not None:
             say(self._console, f"{self._title}: {summary(progress)}", QUIET)
             # a finished run's uncertainty is in the command's answer
-            if progress.known is not None and progress.state is not EngineState.FINISHED:
-                say(self._console, f"{self._title}: {certainty(progress.known)}", QUIET)
+            if progress.uncertainty is not None and progress.state is not EngineState.FINISHED:
+                say(self._console, f"{self._title}: {certainty(progress.uncertainty)}", QUIET)
 
     @contextmanager
     def paused(self) -> Iterator[None]:
@@ -202,8 +202,8 @@ def line_of(progress: Progress) -> str:
         parts.append(progress.beam_advice)
     if progress.goal_mm is not None:
         parts.append(_goal(progress))
-    if progress.known is not None:
-        parts.append(certainty(progress.known))
+    if progress.uncertainty is not None:
+        parts.append(certainty(progress.uncertainty))
     return " · ".join(parts)
 
 
@@ -245,8 +245,8 @@ def figures(progress: Progress, residuals_mm: list[float]) -> Iterator[str]:
         parts[0] = f"last {parts[0]}{_judge_last(residuals_mm)}"
     if parts:
         yield " · ".join(parts)
-    if progress.known is not None:
-        yield certainty(progress.known)
+    if progress.uncertainty is not None:
+        yield certainty(progress.uncertainty)
     if progress.goal_mm is not None:
         yield _goal(progress)
 
@@ -275,7 +275,7 @@ def _residual_and_drift(progress: Progress) -> list[str]:
 
 
 def _goal(progress: Progress) -> str:
-    uncertainty = progress.known
+    uncertainty = progress.uncertainty
     reached = "not known yet" if uncertainty is None else f"±{uncertainty.position_std_mm:.3f} mm"
     return f"goal: positions to ±{progress.goal_mm:g} mm, now {reached}"
 

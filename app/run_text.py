@@ -36,8 +36,8 @@ def show_run(terminal: Terminal, ran: RunResult) -> None:
         terminal.say(f"not measured: {in_words(shots)}: {reason}", WARNING)
     if ran.settling is not None:
         terminal.say(ran.settling.text, "" if ran.settling.shots else WARNING)
-    if ran.known is not None:
-        terminal.say(f"after {ran.known.shots} shots: {certainty(ran.known)}")
+    if ran.uncertainty is not None:
+        terminal.say(f"after {ran.uncertainty.shots} shots: {certainty(ran.uncertainty)}")
     if ran.goal_mm is None:
         return
     if ran.good:
@@ -74,14 +74,16 @@ def _count(ran: RunResult) -> str:
 
 
 def _reached(ran: RunResult) -> str:
-    if ran.known is None:
+    if ran.uncertainty is None:
         return "the shots to identify from are too few"
-    return f"positions to ±{ran.known.position_std_mm:.3g} mm by {ran.known.shots} shots"
+    return (
+        f"positions to ±{ran.uncertainty.position_std_mm:.3g} mm by {ran.uncertainty.shots} shots"
+    )
 
 
 def _why(ran: RunResult) -> str:
     """Return why σ is larger than predicted; "" if the robot's scatter is no reason."""
     # the forecast assumes the tracker's noise alone, of a robot that repeats perfectly
-    if ran.known is None or ran.known.scatter_mm < SCATTER_SHOWN_MM:
+    if ran.uncertainty is None or ran.uncertainty.scatter_mm < SCATTER_SHOWN_MM:
         return ""
-    return f"; robot repeatability ±{ran.known.scatter_mm:.2g} mm per axis"
+    return f"; robot repeatability ±{ran.uncertainty.scatter_mm:.2g} mm per axis"

@@ -87,7 +87,7 @@ def run_answer(ran: RunResult) -> RunAnswer:
     """Return a run's result for programs."""
     goal = settling = None
     if ran.goal_mm is not None:
-        reached_mm = ran.known and ran.known.position_std_mm
+        reached_mm = ran.uncertainty and ran.uncertainty.position_std_mm
         goal = {"std_mm": ran.goal_mm, "met": ran.good, "reached_mm": reached_mm}
         goal["left_out"] = ran.left_out
     if ran.settling is not None:
@@ -96,7 +96,7 @@ def run_answer(ran: RunResult) -> RunAnswer:
         series=ran.series,
         shots=ran.shots,
         goal=goal,
-        knowledge=ran.known,
+        knowledge=ran.uncertainty,
         settling=settling,
         skipped=[{"shots": shots, "reason": reason} for shots, reason in ran.skipped.items()],
     )

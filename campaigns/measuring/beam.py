@@ -1,7 +1,10 @@
-"""Beam: waiting for a broken one, and looking for the reflector where it was seen before.
+"""Beam: waits for a broken beam, and looks for the reflector where it was seen before.
 
-A search starts where the beam points and where the reflector of this very pose should be; it never
-starts at another pose's point while the robot is elsewhere.
+The danger is not a broken beam, which costs time, but a search that succeeds at the wrong
+reflector. Therefore a search begins only where the robot's reflector can be: in the direction of
+the beam, and where the reflector of this very pose should be. It never begins at another pose's
+point while the robot is elsewhere: a reflector that is found there cannot be the robot's, or the
+robot does not move although its encoders turn (a slipping coupling). Both end the run.
 """
 
 from collections import deque
@@ -28,17 +31,17 @@ LOOK_AT_THE_DRIVES = (
 REPEATED_AFTER_S = (30.0, 300.0, 3000.0)
 """Times at which the operator is reminded that the beam is still broken.
 
-The reminder comes at once while the reflector's place is unknown: then he has to place the beam.
+While the reflector's place is unknown the first reminder comes at once: he has to place the beam.
 """
 MOST_ANCHORS = 3
-"""Poses, latest first, at which the reflector is looked for where it was measured.
+"""Number of poses, latest first, at which the reflector is looked for where it was measured.
 
-As often, over a whole session, at each place where one began.
+It is looked for as often, over a whole session, at each place where a session began.
 """
 
 
 class Beam:
-    """Finds the reflector again, while the robot stands still or back at a pose seen before."""
+    """Finds the reflector again, at the pose where the robot stands or at one seen before."""
 
     def __init__(self, session: Session, starts: Sequence[BeamStart]) -> None:
         """Take where robot and beam were when the series' sessions began, in their order."""
@@ -48,18 +51,28 @@ class Beam:
         self._run_state = session.run_state
         self._starts = deque(MOST_ANCHORS * tuple(reversed(starts)))
         self._measured: list[Outcome] = []
+        """All points of this session in the order of time, also those that do not count."""
 
     def remember(self, measured: Outcome) -> None:
         """Keep a point that the tracker measured, whether it counts or not."""
         self._measured.append(measured)
 
     def wait(self, joints: tuple[float, ...], *, seen_here: bool) -> Skipped | Loss:
-        """Wait until the reflector is found; the robot stands still, and is watched.
+        """Wait until the reflector is found, while the robot stands still.
 
-        Return `Loss.BEAM` then, and `Loss.UNSEEN` where it never was seen at this pose. Raise
-        `GateRefused` once the reflector is found where it was before the encoders moved: then the
-        robot has not moved with them. Raise it too after the cell's `beam_wait_s`.
+        `seen_here`: whether the reflector was seen at this pose before the beam broke. Return
+        `Loss.BEAM` once the reflector is found, `Loss.UNSEEN` if it was never seen at this pose,
+        `Skipped` by the operator. Raise `GateRefused` if the reflector is found where it was before
+        the encoders moved, and after the cell's `beam_wait_s`; raise the robot's faults and
+        `Interrupted`.
         """
+        # In each round:
+        # 1. Search.
+        # 2. Look at stop, faults and the wish to skip; give up after `beam_wait_s`.
+        # 3. After `look_back_s` a person in the beam is not the likeliest cause any more. Is the
+        #    reflector still at its last point, though the encoders have moved since? Then the robot
+        #    does not follow its encoders, and going on would be dangerous. Was it never seen at
+        #    this pose? Then the pose may be hidden, and the caller looks at another one.
         since_s = self._clock.now_s()
         here, expected_mm = self._tracker.direction(), self._gate.expected_point_mm(joints)
         advice, stayed = self._advise(expected_mm), self._point_that_stays(expected_mm)
@@ -95,7 +108,7 @@ class Beam:
         return Loss.BEAM
 
     def is_at(self, expected_mm: Vector3 | None) -> bool:
-        """Return whether the reflector is found where it should be; False too if unknown."""
+        """Return whether the reflector is found at a point; False if the point is None."""
         if expected_mm is None:
             return False
         try:
@@ -108,7 +121,7 @@ class Beam:
     def wait_where_it_was(self) -> bool:
         """Go back to the pose of the latest shot that counts, and wait for the beam there.
 
-        Return whether it was there at once: then the pose where it was missing cannot be seen.
+        Return whether the reflector was there at once: then the other pose is hidden.
         """
         latest = self._gate.accepted[-1]
         self._go_back(f"where shot {latest.shot} was", latest.joints)
@@ -123,22 +136,22 @@ class Beam:
     def look_back(self, standing_mm: Vector3 | None = None) -> bool:
         """Bring robot and beam together where the reflector was seen before; False: nowhere.
 
-        At the pose of a shot that counts, the latest first; else where a session began: there its
-        operator has put the beam onto the robot's reflector, unless it pointed at one that is
-        known to stand elsewhere, at `standing_mm`.
+        First at the poses of the latest shots that count, then where sessions began: there the
+        operator had put the beam onto the robot's reflector. A beginning whose beam pointed at
+        `standing_mm`, a reflector that stands elsewhere, is passed over.
         """
         return any(self._lock_at(*anchor) for anchor in self._anchors(standing_mm))
 
     def require_robot_moves(self) -> None:
         """Raise `GateRefused` if the latest measurements have one point at several poses."""
-        one_point = self._poses_of_one_point()
-        if len(one_point) > 1:
-            raise one_point_refused(one_point)
+        same_point = self._poses_of_one_point()
+        if len(same_point) > 1:
+            raise one_point_error(same_point)
 
     def _poses_of_one_point(self) -> tuple[Outcome, ...]:
-        """Return measurements, the latest first, of one point at poses that differ.
+        """Return the latest measurements of one point at different poses, the latest first.
 
-        More than one: the robot has not moved, or it is another reflector.
+        If there are two or more, the robot has not moved, or the reflector is not the robot's.
         """
         poses: list[Outcome] = []
         for shot in reversed(self._measured):
@@ -151,8 +164,10 @@ class Beam:
     def _point_that_stays(self, expected_mm: Vector3 | None) -> tuple[Vector3, str] | None:
         """Return the latest point, at which the reflector may have stayed, and the problem if so.
 
-        None unless it was the robot's: accepted, or where the robot was expected.
+        None if that point cannot accuse the robot.
         """
+        # It can if it was the robot's (measured where the robot was expected then) and if the
+        # reflector should be far from it now. Limits are those of distances: this ends a run.
         if not self._measured or expected_mm is None:
             return None
         latest, far_mm = self._measured[-1], self._session.work.gate.distance_mm
@@ -167,7 +182,9 @@ class Beam:
         )
 
     def _require_moved(self, point_mm: Vector3, problem: str) -> None:
-        """Raise `GateRefused` where the reflector has stayed at a point."""
+        """Raise `GateRefused` if the reflector has stayed at a point."""
+        # Only an exact hit proves it: the tracker searches around the point, and may find the
+        # robot's reflector near it, too.
         try:
             self._tracker.go_to(point_mm)
             again_mm = self._tracker.measure().point_in_tracker_mm
@@ -177,7 +194,7 @@ class Beam:
             raise GateRefused(problem, remedy=LOOK_AT_THE_DRIVES)
 
     def _advise(self, expected_mm: Vector3 | None) -> str:
-        """Return what the operator can do."""
+        """Return the advice to the operator, in words."""
         if expected_mm is None:
             away_m = self._session.work.search_mm / 1000.0
             put = "put the beam onto the robot's reflector by hand"
@@ -188,18 +205,21 @@ class Beam:
     def _anchors(
         self, standing_mm: Vector3 | None
     ) -> Iterator[tuple[str, tuple[float, ...], Vector3]]:
-        """Names and joints of poses at which the reflector was seen, and where."""
+        """Yield name and joints of poses at which the reflector was seen, and its point there."""
         for outcome in tuple(reversed(self._gate.accepted))[:MOST_ANCHORS]:
             name = f"where shot {outcome.shot} was"
             yield name, outcome.joints, outcome.point_in_tracker_mm
-        while self._starts:  # each only once: the beam may have been on a wrong one even then
+        # Each beginning is used up: the beam may have been on a wrong reflector even then, and the
+        # search must come to an end.
+        while self._starts:
             start = self._starts.popleft()
-            towards_mm = _at(start.direction, self._session.work.search_mm)
+            towards_mm = _point_along(start.direction, self._session.work.search_mm)
             if standing_mm is None or not _points_at(start.direction, standing_mm):
                 yield "where the run began", start.joints, towards_mm
 
     def _lock_at(self, name: str, joints: tuple[float, ...], seen_mm: Vector3) -> bool:
         """Go back to a pose; return whether the reflector is where it was seen there."""
+        # An anchor that cannot be reached is no fault: the next one is tried.
         try:
             self._go_back(name, joints)
         except (TargetOutOfReach, LimitViolation, NotSettled):
@@ -216,21 +236,25 @@ class Beam:
         self._run_state.enter(EngineState.SUSPENDED)
 
     def _failure_to_find(self, expected_mm: Vector3 | None, here: Vector3 | None) -> str | None:
-        """Look at the expected point of this pose, and in the direction of the beam."""
+        """Look at the expected point of this pose, and in the direction of the beam.
+
+        Return None if the reflector is found, else the tracker's problem.
+        """
         if self.is_at(expected_mm):
             return None
         if here is not None and expected_mm is not None:
-            return self._failure_at(_at(here, self._session.work.search_mm))
+            return self._failure_at(_point_along(here, self._session.work.search_mm))
         return self._failure_to_search(self._session.work.search_mm)
 
     def _failure_at(self, point_mm: Vector3) -> str | None:
-        """Point there, and search around that direction at any distance."""
+        """Point at a place, and search around it; return None if a reflector is found."""
         with suppress(BeamBroken):
             self._tracker.go_to(point_mm)
             return None
         return self._failure_to_search(hypot(*point_mm))
 
     def _failure_to_search(self, distance_mm: float) -> str | None:
+        """Search around the beam's direction at a distance; return None if a reflector is found."""
         try:
             self._tracker.find_reflector(distance_mm)
         except BeamBroken as error:
@@ -241,22 +265,23 @@ class Beam:
         self._session.log.announce(Event(kind, text))
 
 
-def one_point_refused(outcomes: Iterable[Outcome]) -> GateRefused:
+def one_point_error(outcomes: Iterable[Outcome]) -> GateRefused:
     """Return the error of measurements that have one point although the encoders moved."""
-    problem = f"{of_one_point(outcomes)}: {ELSEWHERE}, or {NOT_MOVING}"
+    problem = f"{one_point_text(outcomes)}: {ELSEWHERE}, or {NOT_MOVING}"
     return GateRefused(problem, remedy=LOOK_AT_THE_DRIVES)
 
 
-def of_one_point(outcomes: Iterable[Outcome]) -> str:
-    """Name shots that have one point."""
+def one_point_text(outcomes: Iterable[Outcome]) -> str:
+    """Name the shots that have one point, in words."""
     shots = in_ranges(sorted(outcome.shot for outcome in outcomes))
     return f"shots {shots} have one point, although the encoders moved between them"
 
 
 def _points_at(direction: Vector3, point_mm: Vector3) -> bool:
-    return dist(_at(direction, hypot(*point_mm)), point_mm) <= 1e-3 * hypot(*point_mm)
+    """Return whether a direction from the tracker meets a point within 1 mrad."""
+    return dist(_point_along(direction, hypot(*point_mm)), point_mm) <= 1e-3 * hypot(*point_mm)
 
 
-def _at(direction: Vector3, distance_mm: float) -> Vector3:
+def _point_along(direction: Vector3, distance_mm: float) -> Vector3:
     x, y, z = direction
     return x * distance_mm, y * distance_mm, z * distance_mm

@@ -1,15 +1,23 @@
 """The engine: one loop over groups of shots. When anything goes wrong the robot stops.
 
-A group is a pair or a single shot, and counts only as a whole. Each attempt at one has a named
-result, and the loop goes on by it:
+A group is a pair or a single shot, and counts only as a whole. Each attempt at a group has a named
+result, which decides how the loop goes on:
 
     Accepted          the next group
     Skipped           the next group; the operator did not want this one
     Refused           groups that took another reflector and this one again; else it is deferred
     Lost              the group is deferred
 
-Deferred groups are tried once more at the end. After each group come the operator's wishes, and
-groups that are not needed any more, the goal being met, are left out.
+Deferred groups are tried once more at the end. After each group the operator's wishes are applied,
+and once the goal is met, groups that are not needed any more are left out.
+
+A shot is refused because it contradicts the accepted ones, which does not show which of them is
+wrong: the beam may be on another reflector now, or may have been when the first shots were taken.
+So `_recover` measures instead of guessing. A pose that cannot be measured is set aside, for it may
+be hidden from the tracker; several in a row are no accident of poses, and end the run.
+
+Whatever ends the run early, a fault, a wish or an error of this program, the robot is stopped
+first. Only then are records written and questions asked: neither may delay the stop or prevent it.
 """
 
 from collections import Counter
@@ -21,8 +29,8 @@ from math import dist, inf
 from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
 from campaigns.evaluation.time_series import FEWEST_VISITS
 from campaigns.journal.records import BeamStart, Event, Outcome, PairVoided, Rejected
-from campaigns.measuring.beam import Beam, of_one_point, one_point_refused
-from campaigns.measuring.gate import WRONG, next_fit
+from campaigns.measuring.beam import Beam, one_point_error, one_point_text
+from campaigns.measuring.gate import WRONG_POINT, next_fit
 from campaigns.measuring.monitors import StationMonitor, TemperatureMonitor
 from campaigns.measuring.nests import NestPointer
 from campaigns.measuring.reference_poses import ReferencePose, pose_settling, reference_poses
@@ -39,7 +47,7 @@ from campaigns.measuring.resume import ResumeState
 from campaigns.measuring.run_state import EngineState, PositionUncertainty, Wish
 from campaigns.measuring.series_log import problem_of
 from campaigns.measuring.shots import Shots
-from campaigns.measuring.stability_check import ANEW, change_of, drift_text
+from campaigns.measuring.stability_check import BEGIN_ANEW, drift_text, measure_change
 from campaigns.measuring.stopping_rule import in_ranges, in_words, is_met, only_identifies
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Group, Step, groups, shots_of
@@ -48,18 +56,20 @@ from drivers.errors import RobotStateUnknown
 from drivers.values import Weather
 
 MOST_IN_A_ROW = 3
-"""Groups one after another that cannot be measured; then it is not the poses."""
+"""Groups one after another that cannot be measured, from which on the poses are not the cause."""
 MOST_DEFERRED = 0.2
-"""Share of a plan's groups that cannot be measured and still let the run go on."""
+"""Largest share of a plan's groups that may be set aside before the run ends."""
+MOST_SUSPECTS = 3
+"""Largest number of earlier shots that are measured again because of one refused shot."""
 
 
 class Engine:
-    """Measures groups of steps: pairs whole or again, and everything watched."""
+    """Measures groups of steps and watches drift, air and the tracker's place meanwhile."""
 
     def __init__(
         self, session: Session, starts: Sequence[BeamStart], kept: ResumeState, air: Weather | None
     ) -> None:
-        """Take the `starts` of all sessions of the series, and the `air` of the first one."""
+        """Take the `starts` of all sessions of the series, and the `air` of its first session."""
         self._session, self._work = session, session.work
         self._log, self._gate, self._run_state = session.log, session.gate, session.run_state
         self._beam = Beam(session, starts)
@@ -74,45 +84,55 @@ class Engine:
         self._deferred: list[Group] = []
         self._failed_in_a_row = 0
         self._compared: set[int] = set()
-        """First shots that were measured again to compare them."""
+        """Earlier shots that were measured again to compare them."""
         self._looked_back: Counter[int] = Counter()
+        """Number of searches for the robot's reflector, by the shot that was refused."""
         self._uncertainty: PositionUncertainty | None = None
         self._fit_due = 0
-        self._at_rest: tuple[int, ...] | None = None
+        """Number of accepted shots at which they are fitted again."""
+        self._settled_visits: tuple[int, ...] | None = None
+        """Visits of the drift pose since which the robot stays, as reported last."""
         self._fit_shots()
 
     def run(self, groups_left: Sequence[Group]) -> None:
         """Measure all groups, the deferred ones once more, and compare the reference poses.
 
-        Raise whatever made it stop, once the robot has been stopped:
-        `RobotStateUnknown` when the stop could not be confirmed.
+        Raise the error that ended the run, once the robot has been stopped, or `RobotStateUnknown`
+        if the stop could not be confirmed.
         """
         with self._stopping_robot():
             self._measure_queue(groups_left)
+            # The deferred groups last: by then the gate predicts better, the air may be still, and
+            # who stood in the beam may have gone.
             deferred, self._deferred = self._deferred, []
             self._measure_queue(deferred, is_last_try=True)
             self._fit_shots()
             if groups_left:
                 self._compare_at_end()
-            self._shots.nests.leave()
+            self._shots.nests.leave()  # before the robot moves: its reflector may be in a nest
             if end := self._work.ends_at:
                 self._session.mover.return_to(end, "to where it ends", self._run_state.enter)
                 self._run_state.rest()
             self._run_state.enter(EngineState.FINISHED)
 
     def check_unmoved(self) -> None:
-        """Measure reference poses again after a restart, or where there are few, one alone.
+        """Measure reference poses again after a restart, or a single one if there are few.
 
-        Raise `GateRefused` when something has changed, unless the operator overrides it: what
-        was measured before then predicts nothing any more. Stop the robot like `run`.
+        Raise `GateRefused` if something has moved, unless the operator overrides the check. Stop
+        the robot like `run`.
         """
+        # Between two sessions the stand may have been pushed, the robot bumped, an encoder changed.
+        # Shots before and after would then have no common frame, and the fit would put the
+        # difference into the parameters. Measuring some spread poses again shows it.
         with self._stopping_robot():
             if not (references := reference_poses(self._work.steps, self._gate.accepted)):
                 return
-            change = change_of("after the restart", references, self._session, self._shots)
+            change = measure_change("after the restart", references, self._session, self._shots)
             if change and not self._work.override:
-                raise GateRefused(change, remedy=ANEW)
+                raise GateRefused(change, remedy=BEGIN_ANEW)
             if change:
+                # The operator goes on: what was measured before predicts nothing any more, so gate
+                # and drift check begin again as if these were the first shots.
                 self._log.announce(Event("gone on anyway", f"gone on all the same: {change}"))
                 self._gate.reset([shot.shot for shot in self._gate.accepted])
                 self._first_drift_mm = None
@@ -124,7 +144,7 @@ class Engine:
     def leave_out_superfluous(self, groups_left: Sequence[Group]) -> tuple[Group, ...]:
         """Return the groups that shall still be measured, and name the others in the journal.
 
-        Once the goal is met, these are the groups that serve something else than to identify.
+        Once the goal is met, only groups that serve more than the identification are measured.
         """
         goal_mm, uncertainty = self._work.goal_mm, self._uncertainty
         if uncertainty is None or not is_met(goal_mm, uncertainty):
@@ -143,14 +163,17 @@ class Engine:
 
     @contextmanager
     def _stopping_robot(self) -> Iterator[None]:
-        """Stop the robot first if anything goes wrong, then raise it."""
+        """Stop the robot first if anything goes wrong, then raise the error again."""
         try:
             yield
-        except BaseException as error:
+        except BaseException as error:  # also Ctrl-C, and errors of this program
             self._stop(error)
             raise
 
     def _stop(self, because: BaseException) -> None:
+        """Stop the robot; raise `RobotStateUnknown` if the stop fails."""
+        # A stop that fails outranks the error that led to it: someone may be about to step into the
+        # cell. The first error is named in the text, the failed stop is the cause.
         try:
             self._retry_stop()
         except BaseException as error:
@@ -165,15 +188,20 @@ class Engine:
     def _retry_stop(self) -> None:
         try:
             self._session.cell.robot.stop()
-        except KeyboardInterrupt:  # an impatient operator: the robot comes first
+        except KeyboardInterrupt:
+            # An impatient operator presses Ctrl-C again while the stop is being confirmed. The stop
+            # is repeated, for nothing is known of the one that was cut off.
             self._session.cell.robot.stop()
 
     def _measure_queue(self, groups_left: Sequence[Group], *, is_last_try: bool = False) -> None:
-        """Measure groups one after another; those that fail are deferred, at last skipped."""
+        """Measure groups one after another; defer those that fail, or skip them at the last try."""
+        # `pending` is a queue that may grow at its head: groups whose shots turned out wrong come
+        # before all others, because the later ones are compared with them.
         pending = self.leave_out_superfluous(groups_left)
         while pending:
             group, *others = pending
             pending = tuple(others)
+            # At the last try one attempt: the pose has had all its attempts before.
             attempts = 1 if is_last_try else self._work.gate.attempts
             match self._shots.retry(partial(self._measure_group, group), attempts):
                 case Accepted():
@@ -190,18 +218,26 @@ class Engine:
 
     def _measure_group(self, group: Group) -> ShotResult:
         """Measure a pair or a single shot once, as a whole."""
-        taken: list[int] = []
+        accepted_shots: list[int] = []
         for step in group:
             result = self._measure(step)
             if not isinstance(result, Accepted):
-                if taken:  # one does not count without its partner
-                    self._void(group[0].planned.pair, tuple(taken), result.reason)
+                if accepted_shots:  # the first shot of a pair does not count without its partner
+                    self._void(group[0].planned.pair, tuple(accepted_shots), result.reason)
                 return result
-            taken.append(step.planned.shot)
+            accepted_shots.append(step.planned.shot)
         return result
 
     def _measure(self, step: Step) -> ShotResult:
-        """Measure one shot; one that agrees with the others is written, and counts."""
+        """Measure one shot; write it and let it count if it agrees with the accepted ones."""
+        # 1. `take` writes the intent, moves, measures and lets the gate judge.
+        # 2. A nest's shot is compared with the nest itself, and says nothing of the robot.
+        # 3. A drift shot is compared with the first one before it counts: beyond the limit it must
+        #    not enter the fit that judges the next shots.
+        # 4. The outcome is written, and only then does the gate use it: what predicts later shots
+        #    is on the disk.
+        # 5. What follows from the shot (uncertainty, settling, air, station) is computed last,
+        #    while nothing depends on it.
         wall_clock, purpose = self._session.cell.wall_clock, step.planned.purpose
         started_s = wall_clock.now_s()
         result = self._shots.take(step)
@@ -225,7 +261,13 @@ class Engine:
         return result
 
     def _check_drift(self, outcome: Outcome) -> float | None:
-        """Return the distance of a drift shot from the first one; end the run if it is too far."""
+        """Return the distance of a drift shot from the first one; None for the first one itself.
+
+        Raise `GateRefused` if the distance exceeds the limit.
+        """
+        # The gate cannot see a slow drift: its limits are millimetres, and its fit takes in what
+        # the latest shots show. One pose measured again and again shows a motion of tracker, robot
+        # or base. The first drift shot of the series counts, also if another session measured it.
         point_mm, limit_mm = outcome.point_in_tracker_mm, self._work.gate.drift_mm
         if self._first_drift_mm is None:
             self._first_drift_mm = point_mm
@@ -243,34 +285,43 @@ class Engine:
         return moved_mm
 
     def _report_settling(self) -> None:
-        """Say whether the robot has settled, where that is news; if it always was, note it."""
+        """Report since which drift shot the robot has settled, whenever that changes."""
         accepted = self._gate.accepted
         drift = {s.planned.shot for s in self._work.steps if s.planned.purpose is ShotSet.DRIFT}
         visits = [outcome for outcome in accepted if outcome.shot in drift]
         if len(visits) < FEWEST_VISITS:
             return
         if self._noise.freedom == inf:
-            return  # the robot's scatter is not known yet
+            return  # the robot's scatter has not been estimated yet
         settled, text = pose_settling(self._work.robot.kinematics, accepted, visits, self._noise)
-        if self._at_rest is None or settled[:1] != self._at_rest[:1]:
+        if self._settled_visits is None or settled[:1] != self._settled_visits[:1]:
+            # A robot that stood at rest from its first visit on is what everybody expects: the
+            # journal notes it, and the screen shows only the other cases.
             report = self._log.write if len(settled) == len(visits) else self._log.announce
             report(Event("settling", text, settled))
-        self._at_rest = settled
+        self._settled_visits = settled
 
     def _recover(self, group: Group, refused: Refused) -> tuple[Group, ...]:
         """Find out which shots are wrong, or look for the robot's reflector.
 
-        Return what is to be measured now: the groups of the wrong shots and this one; () once it
-        is deferred.
-
-        Raise `GateRefused` when the beam cannot be brought back onto the robot's reflector.
+        Return the groups to measure next: those of the wrong shots and the refused one; () if it
+        has been deferred. Raise `GateRefused` if the beam cannot be brought back onto the robot's
+        reflector.
         """
+        # In the order of certainty, and of what it costs:
+        # 1. Accepted shots have the refused one's very point, although the robot was elsewhere: all
+        #    of them are of a reflector that stands still. No motion is needed to see that.
+        # 2. Without one of the first shots the refused one agrees with all others: that one is
+        #    measured again. It is voided only if the repetition lies elsewhere and agrees.
+        # 3. The tracker found no reflector where this pose's should be: go back to a pose where the
+        #    robot's was seen, lock on there, and measure this group again.
+        # 4. Nothing explains it: set it aside.
         outcome = refused.outcome
         if standing := self._gate.find_standing(outcome):
             return (*self._void_standing(outcome, standing), group)
-        for suspect in self._gate.find_suspects(outcome)[:3]:
-            if (why := self._why_wrong(suspect, outcome)) is not None:
-                return (self._void_first(suspect, why), group)
+        for suspect in self._gate.find_suspects(outcome)[:MOST_SUSPECTS]:
+            if (reason := self._measure_suspect(suspect, outcome)) is not None:
+                return (self._void_shot(suspect, reason), group)
         if not refused.relocked and self._looked_back[outcome.shot] < self._work.gate.attempts - 1:
             self._looked_back[outcome.shot] += 1
             if self._beam.look_back():
@@ -281,37 +332,46 @@ class Engine:
     def _void_standing(self, refused: Outcome, standing: Sequence[Outcome]) -> tuple[Group, ...]:
         """Void shots of a reflector that stands elsewhere, and look for the robot's.
 
-        Return the groups of the voided shots.
+        Return the groups of the voided shots. Raise `GateRefused` if the robot's is not found.
         """
-        one_point = (*standing, refused)
-        why = f"{of_one_point(one_point)}: a reflector that stands elsewhere"
-        voided: dict[Group, None] = {}
+        same_point = (*standing, refused)
+        reason = f"{one_point_text(same_point)}: a reflector that stands elsewhere"
+        voided: dict[Group, None] = {}  # a set that keeps the order
         for shot in standing:
             if shot in self._gate.accepted:  # else it was voided with its partner
-                voided[self._void_first(shot, why)] = None
+                voided[self._void_shot(shot, reason)] = None
         if not self._beam.look_back(refused.point_in_tracker_mm):
-            raise one_point_refused(one_point)
+            raise one_point_error(same_point)
         return tuple(voided)
 
-    def _why_wrong(self, suspect: Outcome, refused: Outcome) -> str | None:
+    def _measure_suspect(self, suspect: Outcome, refused: Outcome) -> str | None:
         """Measure a suspect again, once; return why it is wrong, None if it is not."""
         step = next((s for s in self._work.steps if s.planned.shot == suspect.shot), None)
-        if step is None or suspect.shot in self._compared:  # or its row was removed from the plan
+        # Without a step its row was removed from the plan. Each suspect is measured again only once
+        # in a session: otherwise two shots that accuse each other would never end.
+        if step is None or suspect.shot in self._compared:
             return None
         self._compared.add(suspect.shot)
+        # Not judged: the gate rests on the suspect itself, and would refuse a right repetition.
         result = self._shots.retry(partial(self._shots.take, step, is_judged=False))
         if not isinstance(result, Accepted):
             return None
-        again = result.outcome
-        away_mm = dist(suspect.point_in_tracker_mm, again.point_in_tracker_mm)
-        self._shots.compare_only(again, f"only compared with the one before, {away_mm:.3f} mm away")
-        why = f"{WRONG}: measured again it is {away_mm:.1f} mm away"
-        is_replaced = self._gate.is_replaced_by(again, suspect, refused)
-        return f"{why}, where shot {refused.shot} agrees with it" if is_replaced else None
+        repeat = result.outcome
+        away_mm = dist(suspect.point_in_tracker_mm, repeat.point_in_tracker_mm)
+        # The repetition never counts itself: the suspect's whole group is measured again if it is
+        # voided, and both shots of a pair have to be of one time.
+        self._shots.compare_only(
+            repeat, f"only compared with the one before, {away_mm:.3f} mm away"
+        )
+        reason = f"{WRONG_POINT}: measured again it is {away_mm:.1f} mm away"
+        is_replaced = self._gate.is_replaced_by(repeat, suspect, refused)
+        return f"{reason}, where shot {refused.shot} agrees with it" if is_replaced else None
 
     def _defer(self, group: Group, failure: Refused | Lost) -> None:
-        """Leave a group for the end; raise what was wrong when it is more than single poses."""
+        """Leave a group for the end; raise the failure's error if too many groups fail."""
         self._deferred.append(group)
+        # A pose whose reflector is hidden from the tracker is a matter of the plan: it counts among
+        # the deferred ones, but is no sign that beam or robot are out of order.
         is_unseen = isinstance(failure, Lost) and failure.loss is Loss.UNSEEN
         self._failed_in_a_row += not is_unseen
         most = max(MOST_IN_A_ROW, MOST_DEFERRED * len(self._plan))
@@ -320,6 +380,8 @@ class Engine:
             how = f"set aside, to be tried once more at the end: {error.problem}"
             self._note_skipped(group, how)
             return
+        # The run ends with the most specific error: the controller's own words, or that the robot
+        # does not move (one point at several poses), or else that the attempts have failed.
         match failure:
             case Lost(error=Exception() as refusal):
                 raise refusal
@@ -327,23 +389,25 @@ class Engine:
                 self._beam.require_robot_moves()
         raise error
 
-    def _void_first(self, wrong: Outcome, why: str) -> Group:
+    def _void_shot(self, wrong: Outcome, reason: str) -> Group:
         """Void a shot, its pair with it, and name it to the operator; return its group."""
-        event = Event("shot voided", f"shot {wrong.shot} does not count: {why}")
+        event = Event("shot voided", f"shot {wrong.shot} does not count: {reason}")
         self._log.announce(event)
         group = next((g for g in self._plan if wrong.shot in shots_of(g)), ())
         if wrong.point_in_tracker_mm == self._first_drift_mm:
-            self._first_drift_mm = None
+            self._first_drift_mm = None  # the next drift shot becomes the first one
         pair = group[0].planned.pair if group else None
-        self._void(pair, self._counted(group) or (wrong.shot,), event.text)
+        self._void(pair, self._counting_shots(group) or (wrong.shot,), event.text)
         return group
 
-    def _counted(self, group: Group) -> tuple[int, ...]:
+    def _counting_shots(self, group: Group) -> tuple[int, ...]:
         """Return the shots of a group that count."""
         accepted = {outcome.shot for outcome in self._gate.accepted}
         return tuple(shot for shot in shots_of(group) if shot in accepted)
 
     def _void(self, pair: int | None, shots: tuple[int, ...], reason: str) -> None:
+        """Withdraw the outcomes of shots: first in the journal, then in gate, fit and display."""
+        # In this order a crash in between loses nothing: a resumed run reads that they are void.
         self._log.write(PairVoided(pair, shots, reason))
         self._gate.reset(shots)
         self._fit_shots()
@@ -354,7 +418,8 @@ class Engine:
         self._log.announce(Event("shot skipped", f"{in_words(shots)} {how}", shots))
 
     def _apply_wishes(self, pending: tuple[Group, ...]) -> tuple[Group, ...]:
-        """Apply the operator's wishes between two groups; return what is to be measured now."""
+        """Apply the operator's wishes between two groups; return the groups to measure now."""
+        # Until no wish is left: while the run pauses the operator may ask for more.
         wishes = self._session.wishes
         while True:
             if wishes.take(Wish.AGAIN):
@@ -371,7 +436,7 @@ class Engine:
         last = self._gate.accepted[-1].shot if self._gate.accepted else None
         for group in self._plan:
             if last in shots_of(group):
-                shots = self._counted(group)
+                shots = self._counting_shots(group)
                 text = f"measuring {in_words(shots)} again (operator)"
                 self._log.announce(Event("operator note", text, shots))
                 self._void(group[0].planned.pair, shots, text)
@@ -387,12 +452,13 @@ class Engine:
             try:
                 mover.return_to(joints, "to where it is parked", self._run_state.enter)
             except (TargetOutOfReach, NotSettled) as error:
+                # Parking is a convenience: the robot waits where it stands, and the run goes on.
                 self._log.announce(Event("operator note", f"not parked: {error.problem}"))
             self._run_state.rest()
         self._pause("parked by the operator")
 
     def _pause(self, text: str) -> None:
-        """Wait, the robot watched, until the operator goes on."""
+        """Wait until the operator goes on; raise the robot's faults and `Interrupted` meanwhile."""
         self._log.announce(Event("operator note", text))
         self._run_state.enter(EngineState.PAUSED)
         while not self._session.wishes.take(Wish.PAUSE):
@@ -403,6 +469,8 @@ class Engine:
 
     def _compare_at_end(self) -> None:
         """Compare the poses that were compared after a restart, or as many as there are."""
+        # All shots are measured: a change, or a pose that cannot be compared, is noted for report
+        # and verdict, and does not end the run.
         references = self._references
         if not references and self._work.compared_at_end:
             spread = reference_poses(self._work.steps, self._gate.accepted)
@@ -410,7 +478,7 @@ class Engine:
         if not references:
             return
         try:
-            change = change_of("at the end", references, self._session, self._shots)
+            change = measure_change("at the end", references, self._session, self._shots)
         except GateRefused as error:
             change = f"at the end a pose could not be compared: {error.problem}"
             self._log.write(Event("drift check", change))
@@ -419,6 +487,8 @@ class Engine:
 
     def _fit_shots(self) -> None:
         """Fit the shots that count as `identify` will, and show the uncertainty."""
+        # Again when the shots have grown by a quarter: σ falls with their square root. With a goal
+        # each twentieth, lest the run measures far beyond it.
         accepted, work = self._gate.accepted, self._work
         self._fit_due = next_fit(len(accepted), 0.25 if work.goal_mm is None else 0.05)
         posterior = work.uncertainty_monitor.posterior(accepted)

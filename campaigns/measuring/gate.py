@@ -1,9 +1,17 @@
-"""Gate: each shot is compared with what the accepted ones predict, before it counts.
+"""Gate: each shot is compared with the prediction of the accepted ones, before it counts.
 
-While few shots are accepted, distances between points are compared with those of the nominal robot.
-Then a fit of robot and frame predicts each point, and the limit follows its uncertainty. One of the
-first shots may itself be of a wrong target, and makes all later ones look wrong: it is found by
-leaving out one shot at a time.
+A tracker may lock onto another reflector, a reflection or a reflector that was left standing, and
+then measures well, but not the robot. One such point spoils a fit, and so it is kept out while the
+cell can still be asked. The gate is not to find a bad robot: its limits (millimetres once there is
+a fit, centimetres before) are far above what a calibration corrects.
+
+1. While few shots are accepted, the tracker's frame is unknown. Distances between points need no
+   frame, and are compared with those of the nominal robot.
+2. As soon as the shots place a frame, a fit of robot and frame predicts each point, with an
+   uncertainty from which the limit follows: wide where the shots say little, narrow later.
+
+One of the first shots may itself be of a wrong target, and then all later ones look wrong. It is
+found by leaving out one shot at a time: without it the refused shot agrees with all others.
 """
 
 from collections.abc import Iterable, Sequence
@@ -22,51 +30,58 @@ from campaigns.settings.sections import GateConfig
 from drivers.values import Vector3, vector
 
 FEWEST_SHOTS = 5
-"""Shots that place the frame, and some to spare."""
+"""Shots from which a fit is tried: three place the frame, the others are to spare."""
 SPREAD_FOR_A_FRAME_MM = 50.0
-"""Least extent of the points across their main direction: less places no frame."""
-SCATTER = {"points": 0.04, "joints": 0.04}
-"""Variance of the robot's scatter as a share of its tolerance's, which first shots cannot show."""
+"""Least extent (rms) of the points across their main direction: points on a line place no frame."""
+SCATTER_SHARE = {"points": 0.04, "joints": 0.04}
+"""Variance of the robot's scatter as a share of its tolerance's: a fifth of the standard deviation.
+
+The first shots are too few to estimate it.
+"""
 POINTING_STD_MM = 20.0
-"""Standard deviation of a prediction, up to which the tracker is pointed there; it searches 50."""
+"""Largest standard deviation of a prediction to which the tracker is pointed; it searches 50 mm."""
 FIRST_SHOTS = 12
-"""Shots among which one of a wrong target is looked for: the fit of more is firm."""
-SAME_POSE = 0.002
+"""Number of shots up to which a wrong one is looked for among them: the fit of more is firm."""
+SAME_POSE_WITHIN = 0.002
 """Largest difference of joints, rad or mm, of a pose that is taken again."""
 STANDING_MM = 1.0
 """Points nearer to each other, of a robot that moved, are of a reflector that stands elsewhere."""
-SIGMAS = 4.0
-WRONG = "a wrong target or a wrong pose"
+LIMIT_SIGMAS = 4.0
+WRONG_POINT = "a wrong target or a wrong pose"
 Joints = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class GateDecision:
-    """Decision of the gate on a shot. `refusal` is empty when it may count."""
+    """Decision of the gate on a shot."""
 
     predicted_in_tracker_mm: Vector3 | None
+    """None if the shot was compared by distances."""
     residual_mm: float | None
+    """Distance from the predicted point; None without one."""
     refusal: str
+    """Reason why the shot does not count; "" if it counts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """Unknowns of the error model and the frame, by accepted shots."""
+    """Unknowns of the error model and the frame, estimated from the accepted shots."""
 
     x: Array
-    """In tolerances, (P,)."""
+    """Unknowns of the model in tolerances, (P,)."""
     frame: Transform
+    """Tracker from base."""
     near: Array
-    """Pose (1, t) amid the shots, from which others are searched."""
+    """Mean pose (1, t) of the shots, at which the search for other poses begins."""
     covariance: Array
-    """Of the unknowns and the frame's six, (P + 6, P + 6)."""
+    """Covariance of the unknowns and the frame's six, (P + 6, P + 6)."""
 
 
 class Gate:
     """Gate of a series: compares each shot with what the accepted ones predict.
 
-    By a fit of robot and frame, or by distances while the shots place no frame. It is fitted again
-    whenever the shots have grown by a share.
+    By a fit of robot and frame, or by distances while the shots place no frame. The fit is repeated
+    whenever the shots have grown by a quarter.
     """
 
     def __init__(
@@ -95,51 +110,63 @@ class Gate:
 
     def judge(self, outcome: Outcome) -> GateDecision:
         """Compare a shot with the point predicted, and refuse it if it is too far off."""
+        # A prediction less certain than the limit for distances is worth less than a distance. The
+        # limit never exceeds that for distances: a fit must not make the gate wider.
+        # `not … <= …`: a residual that is NaN is refused.
         rules = self._rules
         expected_mm, std_mm = self.predict(outcome.joints) or (None, inf)
         if expected_mm is None or std_mm > rules.distance_mm:
             return self._judge_distances(outcome, self.accepted)
         residual_mm = float(np.linalg.norm(outcome.point_in_tracker_mm - expected_mm))
-        limit_mm = min(rules.fitted_mm + SIGMAS * std_mm, rules.distance_mm)
+        limit_mm = min(rules.fitted_mm + LIMIT_SIGMAS * std_mm, rules.distance_mm)
         refusal = ""
         if not residual_mm <= limit_mm:
             refusal = (
-                f"{residual_mm:.2f} mm from the predicted point, limit {limit_mm:.2f} mm: {WRONG}"
+                f"{residual_mm:.2f} mm from the predicted point, limit {limit_mm:.2f} mm: "
+                f"{WRONG_POINT}"
             )
         return GateDecision(vector(expected_mm), residual_mm, refusal)
 
     def predict(self, joints: Joints) -> tuple[Array, float] | None:
-        """Return the point (3,) expected at joints, and its 1 σ in mm; None if unknown."""
+        """Return the point (3,) expected at joints, and its 1 σ in mm; None if unknown.
+
+        The point is in the tracker's frame; σ is the root of the summed variances of its
+        coordinates.
+        """
         estimate = self._estimate
         if estimate is None:
             return None
         observation = Observations.unmeasured(np.array([joints]), estimate.near)
-        with np.errstate(all="ignore"):  # of joints at which nothing can be assembled
+        with np.errstate(all="ignore"):  # at joints that no pose fits, the numbers overflow
             at = self._model.linearise(observation, estimate.x, (estimate.frame,), estimate.near)
         if not at.assembly.is_solved[0]:
             return None
         spread = at.jacobian[0] @ estimate.covariance @ at.jacobian[0].T
+        # The residual is predicted minus measured, and `unmeasured` takes any point for measured.
         return observation.points[0] + at.residual[0], float(np.sqrt(np.trace(spread)))
 
     def find_suspects(self, refused: Outcome) -> list[Outcome]:
-        """Return the first shots, without one of which a refused shot agrees with all others.
+        """Return the shots without each of which a refused shot agrees with all others.
 
         The earliest comes first: the fewer shots there were to contradict it, the likelier it is
-        wrong.
+        wrong. There are none once the fit rests on more than `FIRST_SHOTS`.
         """
         first = self.accepted if len(self.accepted) <= FIRST_SHOTS else ()
         return [shot for shot in first if not self._without(shot).judge(refused).refusal]
 
     def is_replaced_by(self, again: Outcome, suspect: Outcome, refused: Outcome) -> bool:
         """Return whether a suspect measured again is elsewhere, and agrees with a refused shot."""
+        # Both are needed. A repetition at the old place acquits the suspect, whatever it agrees
+        # with; one that is elsewhere, but contradicts the refused shot, shows that something else
+        # is wrong.
         moved_mm = dist(suspect.point_in_tracker_mm, again.point_in_tracker_mm)
         others = self._without(suspect, refused)
         return moved_mm > self._rules.fitted_mm and not others.judge(again).refusal
 
     def find_standing(self, refused: Outcome) -> tuple[Outcome, ...]:
-        """Return shots with the point of a refused one, although the robot was elsewhere.
+        """Return the shots with the point of a refused one, although the robot was elsewhere.
 
-        Of a reflector that stands still, all of them.
+        All of them are then of a reflector that stands still.
         """
         return tuple(
             shot
@@ -151,7 +178,7 @@ class Gate:
     def expected_point_mm(self, joints: Joints) -> Vector3 | None:
         """Return where to point the tracker for these joints; None while it is too uncertain.
 
-        By the fit, or where a shot at the same pose was.
+        The point is predicted by the fit, or is that of a shot at the same pose.
         """
         predicted = self.predict(joints)
         if predicted is not None and predicted[1] <= POINTING_STD_MM:
@@ -160,12 +187,16 @@ class Gate:
         return next(same, None)
 
     def _without(self, shot: Outcome, *added: Outcome) -> "Gate":
-        """Return the gate that rests on the other shots and those added."""
+        """Return a gate that rests on the other shots and the added ones."""
         others = (*(other for other in self.accepted if other.shot != shot.shot), *added)
         return Gate(self._model, self._instrument, self._rules, others)
 
     def _judge_distances(self, shot: Outcome, others: Sequence[Outcome]) -> GateDecision:
         """Compare the distances of a shot to others with those of the robot as it is estimated."""
+        # The forward model gives the reflector's positions in the base frame, the tracker the
+        # points in its own: their distances from this shot must agree, for no motion of a frame
+        # changes them. The worst of them decides. Without a fit the robot is the nominal one, whose
+        # errors of some mm are far below the limit.
         estimate, compared = self._estimate, (*others, shot)
         robot = self._model.nominal if estimate is None else self._model.kinematics(estimate.x)
         solution = robot.forward(np.array([outcome.joints for outcome in compared]))
@@ -182,22 +213,29 @@ class Gate:
         if not error_mm <= limit_mm:
             refusal = (
                 f"the distance to an earlier shot is {error_mm:.2f} mm off, "
-                f"limit {limit_mm:g} mm: {WRONG}"
+                f"limit {limit_mm:g} mm: {WRONG_POINT}"
             )
         return GateDecision(None, None, refusal)
 
     def _restart(self) -> None:
-        """Fit the accepted shots as if they were the first."""
+        """Fit the accepted shots without an estimate from before, which voided shots may spoil."""
         self._estimate: Estimate | None = None
-        self._fit_due = FEWEST_SHOTS
+        self._fit_due = FEWEST_SHOTS  # number of accepted shots at which they are fitted again
         if len(self.accepted) >= FEWEST_SHOTS:
             self._fit()
 
     def _fit(self) -> None:
-        """Fit by one Gauss-Newton step, from the nominal robot or the estimate before.
-
-        It is exact to the square of their errors, which is far below the limit.
-        """
+        """Fit by one Gauss-Newton step, from the nominal robot or the estimate before."""
+        # Unknowns are all errors of the robot, in units of their tolerances, and the frame's six.
+        # 1. Solve the forward model at the joints read. Without spread no frame can be fitted, and
+        #    the gate goes on by distances.
+        # 2. Place the frame by the rigid motion that carries these positions onto the points.
+        # 3. Linearise there. Weigh each point by the tracker's noise and a part of the robot's
+        #    scatter.
+        # 4. Solve the normal equations with a prior: each error is 0 ± its tolerance, the frame is
+        #    free. With the prior five shots suffice, and what they do not show stays uncertain.
+        # One step is exact to the square of the errors, which is far below the limit, and takes a
+        # fraction of a fit that converges.
         model, count = self._model, len(self.accepted)
         self._fit_due = next_fit(count)
         x = np.zeros(len(model.names))
@@ -215,22 +253,22 @@ class Gate:
         frame = fit_transform(near[:, :3], points_mm)
         at = model.linearise(observations, x, (frame,), near)
         parts = noise_parts(model, observations, at.by_joint)
-        weights = np.linalg.inv(sum(SCATTER.get(part, 1.0) * parts[part] for part in parts))
+        weights = np.linalg.inv(sum(SCATTER_SHARE.get(part, 1.0) * parts[part] for part in parts))
         weighted = (weights @ at.jacobian).reshape(3 * count, -1)
         prior = np.diag(np.arange(len(x) + 6) < len(x)).astype(float)
         covariance = np.linalg.inv(weighted.T @ at.jacobian.reshape(3 * count, -1) + prior)
         slope = weighted.T @ at.residual.ravel() + prior @ np.concatenate([x, np.zeros(6)])
         step = -covariance @ slope
         (frame,) = moved_frames((frame,), step[len(x) :])
-        amid = near.mean(axis=0, keepdims=True)
-        self._estimate = Estimate(x + step[: len(x)], frame, amid, covariance)
+        middle = near.mean(axis=0, keepdims=True)
+        self._estimate = Estimate(x + step[: len(x)], frame, middle, covariance)
 
 
 def next_fit(shots: int, growth: float = 0.25) -> int:
-    """Return the number of shots at which to fit again: more by a share, at least by one."""
+    """Return the number of shots at which to fit again: larger by `growth`, at least by one."""
     return shots + max(1, int(growth * shots))
 
 
 def is_same_pose(joints: Joints, others: Joints) -> bool:
     """Return whether two readings of the joints, rad or mm, are of one pose taken again."""
-    return bool(np.abs(np.subtract(joints, others)).max() <= SAME_POSE)
+    return bool(np.abs(np.subtract(joints, others)).max() <= SAME_POSE_WITHIN)

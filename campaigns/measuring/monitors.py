@@ -1,4 +1,7 @@
-"""Monitors of a run: the air, and where the tracker stands."""
+"""Monitors of a run: the air, and where the tracker stands.
+
+They announce and never end a run: neither spoils a shot by itself.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,18 +20,18 @@ from campaigns.robots.robot import pose_row
 from drivers.values import Vector3, Weather, vector
 
 ALARM_ENDS_AT = 0.8
-"""Share of the limit below which an alarm ends: above the noise of one that is just at it."""
+"""Share of the limit below which an alarm ends, lest noise at the limit repeats it."""
 NOMINAL_STD_MM = 3.0
-"""Least scatter of a nominal robot's positions, by which the fitted place is uncertain."""
+"""Least error of a nominal robot's positions, by which the fitted place is uncertain."""
 PLACE_LIMIT_MM = 100.0
-"""A place that is given within some cm is right."""
-SIGMAS = 3.0
+"""Largest error of a place in campaign.yaml that is taken for right."""
+LIMIT_SIGMAS = 3.0
 WRONG_PLACE = "the tracker stands at"
-"""Beginning of the event that says where the tracker was found."""
+"""Beginning of the event that names the fitted place."""
 
 
 class TemperatureMonitor:
-    """Watches the air's temperature, and says when an alarm begins and when it ends."""
+    """Watches the air's temperature, and announces when an alarm begins and when it ends."""
 
     def __init__(self, limit_degC: float, first: Weather | None) -> None:
         self._limit_degC = limit_degC
@@ -36,7 +39,7 @@ class TemperatureMonitor:
         self._alarmed = False
 
     def events(self, weather: Weather | None) -> tuple[Event, ...]:
-        """Return the beginning or end of an alarm by this shot's air; nothing else."""
+        """Return the event of an alarm that begins or ends with this shot's air, if one does."""
         if weather is None:
             return ()
         self._first = self._first or weather
@@ -57,7 +60,7 @@ class Station:
 
     place_mm: Vector3
     facing: Vector3 | None
-    """None: from the workspace's centre to the tracker, wherever that stands."""
+    """None: the reflector faces the tracker from the workspace's centre."""
     acceptance_rad: float
     centre_mm: Vector3
 
@@ -73,13 +76,13 @@ class StationMonitor:
     def __init__(
         self, station: Station | None, kinematics: Kinematics, planned: Sequence[PlannedShot]
     ) -> None:
-        """`station` is None where no one said where the tracker stands."""
+        """Watch a place; `station` is None if campaign.yaml gives none."""
         self._station = station
         self._kinematics = kinematics
         self._planned = planned
 
     def events(self, accepted: Sequence[Outcome]) -> tuple[Event, ...]:
-        """Return what is new by the shots that count so far; each thing once."""
+        """Return the events that follow from the shots that count so far; each only once."""
         return tuple(self._compare(self._station, accepted)) if self._station and accepted else ()
 
     def _compare(self, station: Station, accepted: Sequence[Outcome]) -> Iterator[Event]:
@@ -88,9 +91,11 @@ class StationMonitor:
             return
         place_mm, std_mm = fitted
         off_mm = dist(place_mm, station.place_mm)
-        limit_mm = max(PLACE_LIMIT_MM, SIGMAS * std_mm)
+        # The first shots place the tracker roughly: the limit then is that of the fit. Once the
+        # place is wrong for certain, or the fit good enough to confirm it, the question is closed.
+        limit_mm = max(PLACE_LIMIT_MM, LIMIT_SIGMAS * std_mm)
         if off_mm > limit_mm or limit_mm == PLACE_LIMIT_MM:
-            self._station = None  # the place is known surely enough
+            self._station = None
         if off_mm > limit_mm:
             yield Event(
                 "tracker place",
@@ -119,6 +124,10 @@ def fit_place(kinematics: Kinematics, accepted: Sequence[Outcome]) -> tuple[Vect
 
     None while the shots determine no frame.
     """
+    # The frame that carries the nominal robot's positions onto the points has its origin in the
+    # tracker. Its uncertainty is that of the mean point, and that of the rotation times the lever
+    # from the points to the tracker: the less they extend across their main direction (second
+    # singular value, which has the root of their number in it), the larger.
     modelled = kinematics.forward(np.array([outcome.joints for outcome in accepted]))
     positions_mm = modelled.values[modelled.is_solved, :3]
     points_mm = np.array([outcome.point_in_tracker_mm for outcome in accepted])[modelled.is_solved]
@@ -129,8 +138,8 @@ def fit_place(kinematics: Kinematics, accepted: Sequence[Outcome]) -> tuple[Vect
         return None
     tracker_from_base = fit_transform(positions_mm, points_mm)
     place_mm = tracker_from_base.inverted().translation_mm
-    left_mm = points_mm - tracker_from_base.apply(positions_mm)
-    std_mm = max(NOMINAL_STD_MM, float(np.sqrt(np.mean(left_mm**2))))
+    residual_mm = points_mm - tracker_from_base.apply(positions_mm)
+    std_mm = max(NOMINAL_STD_MM, float(np.sqrt(np.mean(residual_mm**2))))
     away_mm = float(np.linalg.norm(place_mm - positions_mm.mean(axis=0)))
     std_mm *= hypot(len(points_mm) ** -0.5, away_mm / float(extents_mm[1]))
     return vector(place_mm), std_mm

@@ -1,4 +1,12 @@
-"""Motion: the robot moved by safe ways, and waited for until it stands still in place."""
+"""Motion: moves the robot by safe ways, and waits until it stands still in place.
+
+Nothing moves before a whole way from where the robot stands to the target has been found in the
+model. Every wait for the robot looks at four things in each round: the operator's wish to stop, the
+emergency stop, the controller's faults and the deadline; so each of them is answered within one
+poll. The wish to stop is looked at once more right before a motion is commanded.
+
+Nothing in this module stops the robot: an exception that leaves it makes the engine do so.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,11 +30,12 @@ MOVING_POLL_S = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """Robot at rest in place, from where it came there, and what it took."""
+    """Robot at rest in place, with the beginning of its last leg and the durations."""
 
     state: RobotState
+    """State as it was read at the end of the settling time."""
     came_from: Joints
-    """The joints as they were read where the last leg of the way began."""
+    """Joints as they were read where the last leg of the way began; backlash depends on them."""
     move_s: float
     settle_s: float
 
@@ -51,40 +60,41 @@ class Mover:
         self._axes = model.kinematics.mechanism.joints
         self._stop_requested = stop_requested
         self._last_target: Joints | None = None
+        """Target at which the robot settled last."""
 
     def go(self, step: Step, entering: Callable[[EngineState], None]) -> Arrival:
         """Take the step's way and settle at its end; `entering` gets each new state.
 
-        Raises before anything moves `TargetOutOfReach` when no safe way is known and `JogRequired`
-        when none may begin here; `NotSettled`, `Interrupted`, or a driver's error.
+        Raise before anything moves `TargetOutOfReach` if no safe way is known and `JogRequired` if
+        the robot stands where it may not be; `NotSettled`, `Interrupted`, or a driver's error.
         """
-        here = self._at_rest()
-        way = self._way(self._stop_of(here), step)
-        return self._take(way, here, lambda: self._start(step), entering)
+        here = self._await_rest()
+        way = self._way_of(self._standing_joints(here), step)
+        return self._take_way(way, here, lambda: self._start(step), entering)
 
     def return_to(
         self, joints: Joints, name: str, entering: Callable[[EngineState], None]
     ) -> Arrival:
-        """Take a safe way to joints that are none of a step's; `name` says where that is.
+        """Take a safe way to joints outside the plan; `name` describes them in an error.
 
-        Raises like `go`.
+        Raise the errors of `go`.
         """
-        here = self._at_rest()
-        way = self._legs(self._stop_of(here), joints, name)
-        return self._take(way, here, lambda: self._start_joints(joints), entering)
+        here = self._await_rest()
+        way = self._safe_legs(self._standing_joints(here), joints, name)
+        return self._take_way(way, here, lambda: self._start_joints(joints), entering)
 
     def pause(self, seconds: float) -> None:
-        """Wait, looking at the wish to stop all the time; raise `Interrupted`."""
+        """Wait; raise `Interrupted` as soon as the operator asks to stop."""
         until_s = self._clock.now_s() + seconds
         while (left_s := until_s - self._clock.now_s()) > 0.0:
             self.check_stop()
             self._clock.sleep_s(min(left_s, POLL_S))
 
     def require_sound(self) -> None:
-        """Raise `EmergencyStop` or `MotionFault` if the robot has one."""
-        self._state()
+        """Raise `EmergencyStop` or `MotionFault` if the robot reports one."""
+        self._sound_state()
 
-    def _take(
+    def _take_way(
         self,
         way: Sequence[Joints],
         last_stop: RobotState,
@@ -92,34 +102,38 @@ class Mover:
         entering: Callable[[EngineState], None],
     ) -> Arrival:
         """Take the legs of a way, whose last one `start` begins, and settle at its end."""
+        # The robot halts at the end of each leg: the ways are checked leg by leg, and a controller
+        # that blends two of them would cut the corner. Each leg has a deadline of its own.
         entering(EngineState.MOVING)
         started_s = self._clock.now_s()
         for passed in way[:-1]:
             self._start_joints(passed)
             last_stop = self._await_arrival(passed, self._deadline_s())
         start()
-        deadline_s = self._deadline_s()
+        deadline_s = self._deadline_s()  # of the last leg and the settling together
         target = way[-1]
         self._await_arrival(target, deadline_s)
         arrived_s = self._clock.now_s()
         entering(EngineState.SETTLING)
-        state = self._settled(target, deadline_s)
+        state = self._await_settled(target, deadline_s)
         self._last_target = target
         settle_s = self._clock.now_s() - arrived_s
         return Arrival(state, last_stop.joints, arrived_s - started_s, settle_s)
 
     def has_moved(self, since: RobotState) -> bool:
         """Return whether the robot has left the place where it was read; raise its faults."""
-        now = self._state()
-        return now.moving or not _within(self._apart(now, since.joints), self._settle.still_rad)
+        now = self._sound_state()
+        distances = self._distances(now, since.joints)
+        return now.moving or not _are_within(distances, self._settle.still_rad)
 
     def check_stop(self) -> None:
         """Raise `Interrupted` when the operator has asked to stop."""
         if self._stop_requested():
             raise Interrupted("stopped by the operator", remedy="the same command resumes it")
 
-    def _state(self) -> RobotState:
+    def _sound_state(self) -> RobotState:
         """Return the robot's state; raise `EmergencyStop` or `MotionFault`."""
+        # The only place that reads the state: no loop can forget to look at the faults.
         state = self._robot.state()
         if state.emergency_stop:
             raise EmergencyStop(
@@ -133,13 +147,19 @@ class Mover:
             )
         return state
 
-    def _at_rest(self) -> RobotState:
-        """Return the robot's state before a motion, once no one else is moving it."""
+    def _await_rest(self) -> RobotState:
+        """Wait until the robot stands before a motion of ours; return its state.
+
+        Raise `NotSettled` if someone else keeps it moving.
+        """
+        # A way that begins where the robot was a moment ago is not the way that was checked.
         deadline_s = self._deadline_s()
         while True:
             self.check_stop()
+            # The time is read before the state: a process that has slept past the deadline still
+            # looks at the robot once before it gives up.
             is_late = self._clock.now_s() >= deadline_s
-            state = self._state()
+            state = self._sound_state()
             if not state.moving:
                 return state
             if is_late:
@@ -149,21 +169,28 @@ class Mover:
                 )
             self._clock.sleep_s(POLL_S)
 
-    def _stop_of(self, state: RobotState) -> Joints:
-        """Return where the robot stands: its last target if it is there, else as it was read."""
+    def _standing_joints(self, state: RobotState) -> Joints:
+        """Return the robot's last target if it stands there, else the joints as they were read."""
+        # As read, they differ a little from the target. From the target itself the way is the one
+        # that the plan was checked with.
         last = self._last_target
-        return last if last is not None and self._in_place(state, last) else state.joints
+        return last if last is not None and self._is_in_place(state, last) else state.joints
 
-    def _way(self, here: Joints, step: Step) -> list[Joints]:
+    def _way_of(self, here: Joints, step: Step) -> list[Joints]:
         """Return the joint targets of a safe way, the last one being the step's."""
+        # Joints to pass where the robot stands already are left out. The step's own target is
+        # commanded even then: every way ends with it.
         way: list[Joints] = []
         for target in (*step.approach, step.planned.joints):
-            if target != here or target is step.planned.joints:  # else it stands there
-                way += self._legs(here, target, f"to shot {step.planned.shot}")
+            if target != here or target is step.planned.joints:
+                way += self._safe_legs(here, target, f"to shot {step.planned.shot}")
             here = target
         return way
 
-    def _legs(self, here: Joints, target: Joints, name: str) -> list[Joints]:
+    def _safe_legs(self, here: Joints, target: Joints, name: str) -> list[Joints]:
+        """Return the legs of a safe way; raise `JogRequired` or `TargetOutOfReach`."""
+        # Two errors with two remedies: a robot that stands outside its space can go nowhere, and
+        # the run ends; one that only finds no way to this target goes on with the next.
         legs = self._model.legs(here, target)
         if legs is None and (fault := self._model.standing_fault(here)):
             raise JogRequired(
@@ -182,6 +209,7 @@ class Mover:
         return self._clock.now_s() + self._settle.timeout_s
 
     def _start(self, step: Step) -> None:
+        """Command the step's target: its joints, or a pose that the controller solves itself."""
         if step.command == "joints":
             self._start_joints(step.planned.joints)
             return
@@ -190,52 +218,59 @@ class Mover:
         self._robot.move_pose(pose, self._speed_fraction)
 
     def _start_joints(self, target: Joints) -> None:
-        self.check_stop()
+        self.check_stop()  # the last moment at which a wish to stop costs no motion
         self._robot.move_joints(target, self._speed_fraction)
 
     def _await_arrival(self, target: Joints, deadline_s: float) -> RobotState:
-        """Wait until the controller has stopped moving, and in place: the next way starts there."""
+        """Wait until the robot stands in place; return its state, or raise `NotSettled`."""
+        # At rest and in place: a controller may report rest before the motion has begun, and a
+        # robot that overshoots is in place for a moment while it moves.
         while True:
             self.check_stop()
             is_late = self._clock.now_s() >= deadline_s
-            state = self._state()
-            if not state.moving and self._in_place(state, target):
+            state = self._sound_state()
+            if not state.moving and self._is_in_place(state, target):
                 return state
             if is_late:
                 raise self._not_settled(self._why_not_there(state, target))
             self._clock.sleep_s(MOVING_POLL_S)
 
-    def _settled(self, target: Joints, deadline_s: float) -> RobotState:
+    def _await_settled(self, target: Joints, deadline_s: float) -> RobotState:
         """Wait until the joints have been still, and in place, for the settling time.
 
-        A robot that stands in place is allowed one settling time after the first look that comes
-        too late: this process may have slept, as with a laptop whose lid was closed.
+        Return the state at its end; raise `NotSettled` after the deadline.
         """
+        # Stillness is measured against a reference reading, not against the reading before: a slow
+        # creep has small steps. Each motion beyond the limit begins the settling time again, with
+        # the present reading as the new reference.
+        #
+        # A robot that stands in place is allowed one more settling time after the first look that
+        # comes too late: this process may have slept, as with a laptop whose lid was closed.
         give_up_s = inf
-        since_s, reference = self._clock.now_s(), self._state()
+        since_s, reference = self._clock.now_s(), self._sound_state()
         last_motion = (0, 0.0)
         while True:
             self._clock.sleep_s(POLL_S)
             self.check_stop()
             now_s = self._clock.now_s()
-            state = self._state()
-            motion = self._apart(state, reference.joints)
-            still = not state.moving and _within(motion, self._settle.still_rad)
-            if not still:
+            state = self._sound_state()
+            motion = self._distances(state, reference.joints)
+            is_still = not state.moving and _are_within(motion, self._settle.still_rad)
+            if not is_still:
                 since_s, reference, last_motion = now_s, state, _worst(motion)
-            in_place = self._in_place(state, target)
-            if still and in_place and now_s >= since_s + self._settle.time_s:
+            is_in_place = self._is_in_place(state, target)
+            if is_still and is_in_place and now_s >= since_s + self._settle.time_s:
                 return state
             if now_s < deadline_s:
                 continue
-            if state.moving or not in_place:
+            if state.moving or not is_in_place:
                 raise self._not_settled(self._why_not_there(state, target))
             give_up_s = min(give_up_s, now_s + self._settle.time_s)
             if now_s >= give_up_s:
                 raise self._not_settled(self._why_not_still(*last_motion))
 
-    def _in_place(self, state: RobotState, target: Joints) -> bool:
-        return _within(self._apart(state, target), self._settle.in_place_rad)
+    def _is_in_place(self, state: RobotState, target: Joints) -> bool:
+        return _are_within(self._distances(state, target), self._settle.in_place_rad)
 
     def _not_settled(self, why: str) -> NotSettled:
         return NotSettled(
@@ -243,13 +278,15 @@ class Mover:
             remedy="look for what holds or shakes the robot, then at `settle` in campaign.yaml",
         )
 
-    def _apart(self, state: RobotState, others: Joints) -> list[float]:
-        """Return the distance of each joint from another value, in radians of a crank or alike."""
+    def _distances(self, state: RobotState, others: Joints) -> list[float]:
+        """Return the distance of each joint from another value, in comparable radians."""
+        # The limits in campaign.yaml are angles. A carriage's mm are divided by those that compare
+        # with one radian of a crank.
         joints = zip(self._axes, state.joints, others, strict=True)
         return [abs(here - other) / axis.scale for axis, here, other in joints]
 
     def _why_not_there(self, state: RobotState, target: Joints) -> str:
-        joint, away = _worst(self._apart(state, target))
+        joint, away = _worst(self._distances(state, target))
         limit = self._settle.in_place_rad
         if away <= limit:
             return "the controller still reports motion"
@@ -271,8 +308,8 @@ class Mover:
         return axis.text(size * axis.scale, form)
 
 
-def _within(sizes: Sequence[float], limit: float) -> bool:
-    """Return whether no size exceeds the limit; NaN does."""
+def _are_within(sizes: Sequence[float], limit: float) -> bool:
+    """Return whether all sizes are within the limit; NaN is not."""
     return all(size <= limit for size in sizes)
 
 

@@ -1,4 +1,9 @@
-"""Nests: fixed places whose reflector the tracker is sent to while the robot stands still."""
+"""Nests: fixed places whose reflector the tracker is sent to while the robot stands still.
+
+A nest shows whether the tracker itself has moved, whatever the robot does. A nest may have a
+reflector of its own, or borrow the robot's: then the operator carries it there and back, and
+nothing moves until he has confirmed that he stands clear.
+"""
 
 from collections.abc import Iterable
 from contextlib import suppress
@@ -11,7 +16,7 @@ from campaigns.measuring.work import Session
 from drivers.errors import BeamBroken
 from drivers.values import Vector3
 
-SAME_MM = 10.0
+SAME_REFLECTOR_MM = 10.0
 """Points nearer to each other are of one reflector."""
 
 
@@ -23,16 +28,22 @@ class NestPointer:
         self._nests = {nest.name: nest for nest in session.work.nests}
         taken = sorted((shot for shot in kept if shot.intent.nest), key=lambda shot: shot.number)
         points = [(shot.intent.nest, shot.outcome.point_in_tracker_mm) for shot in taken]
+        # A dict keeps the last of equal keys: the first point of each nest, and its latest one.
         self._first_mm, self._latest_mm = dict(reversed(points)), dict(points)
         self._reflector = session.work.reflector
-        self._robot_at: Vector3 | None = None
+        """Name of the reflector that the tracker is set to now."""
+        self._robot_mm: Vector3 | None = None
+        """Point towards which the beam pointed before it left the robot."""
         self._is_away = self._is_borrowed = False
+        """Whether the beam is on a nest, and whether the robot's reflector lies in one."""
 
     def leave(self) -> None:
         """Point at the robot's reflector again, if the beam has left it, before the robot moves.
 
-        Raise `GateRefused` where no one puts it back.
+        Raise `GateRefused` if no one puts the reflector back.
         """
+        # The order matters: first the reflector is on the robot, then the tracker measures with
+        # that reflector's constant, and then it looks for it where it should be.
         if not self._is_away:
             return
         if self._is_borrowed:
@@ -40,7 +51,7 @@ class NestPointer:
         self._use(self._session.work.reflector)
         self._is_away = self._is_borrowed = False
         joints = self._session.cell.robot.state().joints
-        robot_mm = self._session.gate.expected_point_mm(joints) or self._robot_at
+        robot_mm = self._session.gate.expected_point_mm(joints) or self._robot_mm
         if robot_mm is not None:
             with suppress(BeamBroken):  # the next shot waits for it
                 self._tracker.go_to(robot_mm)
@@ -50,14 +61,15 @@ class NestPointer:
 
         Raise `GateRefused` if the point is another reflector's.
         """
+        # A beam that went to the wrong reflector would make a nest look moved, or, worse, unmoved.
         point_mm = outcome.point_in_tracker_mm
         expected_mm = self._session.gate.expected_point_mm(outcome.joints)
         others = self._latest_mm | ({"the robot": expected_mm} if expected_mm else {})
         for name, other_mm in others.items():
-            if name != nest and (apart_mm := dist(point_mm, other_mm)) < SAME_MM:
+            if name != nest and (apart_mm := dist(point_mm, other_mm)) < SAME_REFLECTOR_MM:
                 raise GateRefused(
                     f"shot {outcome.shot}: nest {nest} is {apart_mm:.1f} mm from the reflector of "
-                    f"{name} (limit {SAME_MM:g} mm): it is the same one",
+                    f"{name} (limit {SAME_REFLECTOR_MM:g} mm): it is the same one",
                     remedy="correct place_mm of the nest, or point the beam at it when asked",
                 )
         self._latest_mm[nest] = point_mm
@@ -66,16 +78,18 @@ class NestPointer:
     def point_at(self, name: str) -> None:
         """Point at a nest's reflector.
 
-        Raise `BeamBroken` where there is none, and `GateRefused` where no one puts one there.
+        Raise `BeamBroken` if there is none, and `GateRefused` if no one puts a reflector there.
         """
         nest, work = self._nests[name], self._session.work
         place_mm = self._latest_mm.get(name, nest.place_mm)
         if not self._is_away and (direction := self._tracker.direction()) is not None:
             x, y, z = direction
-            self._robot_at = x * work.search_mm, y * work.search_mm, z * work.search_mm
+            self._robot_mm = x * work.search_mm, y * work.search_mm, z * work.search_mm
         self._is_away = True
         self._use(nest.reflector or work.reflector)
         if not nest.occupied:
+            # With the robot's type of reflector it is taken for the robot's own: asking the
+            # operator once too often is harmless, a robot that moves without its reflector is not.
             self._is_borrowed |= self._reflector == work.reflector
             self._ask(f"put the reflector into nest {name}")
         if place_mm is None:
@@ -84,9 +98,11 @@ class NestPointer:
         try:
             self._tracker.go_to(place_mm)
         except BeamBroken:
+            # The place is given by hand, or the nest has moved: search around it once.
             self._tracker.find_reflector(hypot(*place_mm))
 
     def _use(self, reflector: str) -> None:
+        """Set the tracker to a reflector, whose constant it adds to distances."""
         if reflector != self._reflector:
             self._tracker.prepare(reflector, self._session.work.measuring_time_s)
             self._reflector = reflector
@@ -99,4 +115,4 @@ class NestPointer:
                 remedy="run on a terminal and answer y; or leave a reflector in each nest and "
                 "give it place_mm and occupied: true in campaign.yaml",
             )
-        self._session.mover.check_stop()
+        self._session.mover.check_stop()  # the question may have been answered by Ctrl-C

@@ -1,4 +1,11 @@
-"""Rigid-body test: spread reference poses measured again; what moved, and how far."""
+"""Rigid-body test: spread reference poses measured again; what moved, and how far.
+
+A robot does not come back to the very same joints, and no measurement repeats itself. So the test
+asks whether the displacement of the points, less what the joints as read explain, is larger than
+the noise of both measurements. If it is, it asks what explains it: a rigid motion of all points
+(the tracker, its stand or the robot's base), a changed offset of one encoder, or neither (the
+robot).
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,16 +25,18 @@ from campaigns.planning.steps import Step
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import outcomes_covariance_mm2
 
-FEWEST = 3
-MOST = 4
+FEWEST_POSES = 3
+"""Least number of poses that show a rotation about any axis."""
+MOST_POSES = 4
+"""Number of poses that are measured again, if there are so many; each costs a motion."""
 SPREAD_MM = 50.0
 """Least distance of a third pose from the line through the first two."""
 SHOTS_FOR_AXES = 200
-"""Accepted shots that say how the tracker's axes lie, spread over all."""
+"""Largest number of accepted shots, spread over all, by which the tracker's axes are fitted."""
 SIGNIFICANCE = 1e-4
 """Chance of poses that nothing has moved to look moved."""
-LIKELY = 10.0
-"""Difference of score up to which a cause is named beside the best."""
+LIKELY_WITHIN = 10.0
+"""Largest difference of Akaike's score at which a cause is named beside the best one."""
 
 
 ReferencePose: TypeAlias = tuple[Step, Outcome]
@@ -36,10 +45,10 @@ ReferencePose: TypeAlias = tuple[Step, Outcome]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceNoise:
-    """Noise by which poses measured twice may differ."""
+    """Noise by which poses that are measured twice may differ."""
 
     instrument: TrackerUncertainty
-    """Of shots of which the tracker stated nothing."""
+    """Uncertainty of shots for which the tracker stated none."""
     point_mm: float
     """Scatter of the robot's point, 1 σ."""
     joint: float = 0.0
@@ -47,7 +56,7 @@ class ReferenceNoise:
     freedom: float = inf
     """Degrees of freedom by which the scatter is estimated."""
     limit_mm: float = inf
-    """Farther, by root mean square, is moved, whatever scatters."""
+    """Root mean square of displacements beyond which poses count as moved, whatever the scatter."""
 
     def covariance_mm2(self, outcomes: Sequence[Outcome], by_joints: Array) -> Array:
         """Return the covariance (N, 3, 3) of shots, with ∂point/∂joints (N, 3, n)."""
@@ -59,12 +68,16 @@ class ReferenceNoise:
 def reference_poses(steps: Sequence[Step], kept: Sequence[Outcome]) -> tuple[ReferencePose, ...]:
     """Choose three or four accepted poses far from each other and not on a line.
 
-    Where there are none such, one. The first drift shot comes first, or else the first shot.
+    A single one if there are no such poses. The first drift shot comes first, else the first shot.
     """
+    # 1. Begin with a drift shot: the plan comes back to its pose again and again.
+    # 2. Add the pose farthest from it, and then the one farthest from the line through both: three
+    #    points that are not on a line show every rigid motion.
+    # 3. Add the pose that is farthest from those chosen.
     was = {outcome.shot: outcome for outcome in kept}
     taken = [(step, was[shot]) for step in steps if (shot := step.planned.shot) in was]
     taken.sort(key=lambda pose: pose[0].planned.purpose is not ShotSet.DRIFT)
-    if len(taken) < FEWEST:
+    if len(taken) < FEWEST_POSES:
         return tuple(taken[:1])
     points = np.array([then.point_in_tracker_mm for _, then in taken])
     chosen = [0, int(np.argmax(np.linalg.norm(points - points[0], axis=1)))]
@@ -76,7 +89,7 @@ def reference_poses(steps: Sequence[Step], kept: Sequence[Outcome]) -> tuple[Ref
     if height_mm.max() < SPREAD_MM:
         return (taken[0],)
     chosen.append(int(np.argmax(height_mm)))
-    while len(chosen) < min(MOST, len(taken)):
+    while len(chosen) < min(MOST_POSES, len(taken)):
         nearest = np.linalg.norm(points[:, None] - points[chosen], axis=2).min(axis=1)
         chosen.append(int(np.argmax(nearest)))
     return tuple(taken[place] for place in chosen)
@@ -85,10 +98,12 @@ def reference_poses(steps: Sequence[Step], kept: Sequence[Outcome]) -> tuple[Ref
 def pose_settling(
     nominal: Kinematics, kept: Sequence[Outcome], visits: Sequence[Outcome], noise: ReferenceNoise
 ) -> tuple[tuple[int, ...], str]:
-    """Test since which accepted visit of one pose it stays; correct for their joints as read.
+    """Return the visits of one pose since which it stays, by their shots; and the text for it.
 
     `kept` are all accepted shots, as in `rigid_body_test`.
     """
+    # The visits differ by the joints at which the robot really stood: that part is taken out with
+    # the nominal robot, whose errors cancel in such small differences.
     axes, joints = _tracker_from_base(nominal, kept), np.array([visit.joints for visit in visits])
     points = np.array([visit.point_in_tracker_mm for visit in visits])
     points, by_joints = points - _positions(nominal, joints) @ axes.T, _by_joints(nominal, joints)
@@ -103,13 +118,18 @@ def rigid_body_test(
     now: Sequence[Outcome],
     noise: ReferenceNoise,
 ) -> tuple[str, str]:
-    """Return by how much two measurements of the same poses differ, and what has changed.
+    """Return by how much two measurements of one set of poses differ, and what has changed.
 
-    The change is in words, empty where scatter explains all.
-    `kept` are all accepted shots: they say how the tracker's axes lie. A displacement that the
-    noise of both measurements does not explain is the tracker's (or the base's) when a rigid
-    motion explains it, an encoder's when one joint's offset does, and else the robot's.
+    Both are in words; the change is "" if noise explains the difference. `kept` are all accepted
+    shots, by which the directions of the tracker's axes are fitted.
     """
+    # 1. Displacement of each point, less the displacement that the nominal robot makes between the
+    #    joints as read then and now, turned into the tracker's frame.
+    # 2. Whiten by the covariance of both measurements: what the tracker states, and the robot's
+    #    scatter of points and of joints.
+    # 3. Test the sum of squares: χ² if the scatter is known, Fisher's F if it was estimated. Beyond
+    #    the limit of drift the poses count as moved even if a scattering robot could explain it.
+    # 4. If they have moved, compare the causes that explain it.
     axes = _tracker_from_base(nominal, kept)
     q_then, q_now = (np.array([shot.joints for shot in outcomes]) for outcomes in (then, now))
     points, moved = (
@@ -142,10 +162,14 @@ def _explain(
     nominal: Kinematics,
     freedom: float,
 ) -> str:
-    """Return what explains whitened displacements (3 N,), the likeliest first (Akaike 1974).
+    """Return the causes that explain whitened displacements (3 N,), the likeliest first.
 
     `causes` are columns (N, 3, k) by the name of a joint or "frame".
     """
+    # Each cause is fitted alone by least squares, and is possible if noise explains the remainder.
+    # Akaike's criterion (1974) ranks them: squares plus twice the number of unknowns, so that a
+    # rigid motion with its six does not win by their number. Causes that the few poses cannot
+    # distinguish are all named.
     able: list[tuple[float, str]] = []
     axes = {axis.name: axis for axis in nominal.mechanism.joints}
     for name, by_cause in causes.items():
@@ -169,11 +193,14 @@ def _explain(
             "the tracker nor one encoder explains it"
         )
     able.sort(key=lambda cause: cause[0])
-    return "; or ".join(words for score, words in able if score <= able[0][0] + LIKELY)
+    return "; or ".join(words for score, words in able if score <= able[0][0] + LIKELY_WITHIN)
 
 
 def _may_be_chance(square: float, count: int, freedom: float) -> bool:
-    """Test whether scatter alone leaves as much, by Fisher's F: the scatter is an estimate."""
+    """Test whether noise alone gives such a sum of squares, by Fisher's F or by χ².
+
+    F is for a scatter that is estimated with so few degrees of freedom that it is uncertain itself.
+    """
     p = (
         scipy.special.fdtrc(count, freedom, square / count)
         if isfinite(freedom)
@@ -183,7 +210,7 @@ def _may_be_chance(square: float, count: int, freedom: float) -> bool:
 
 
 def _tracker_from_base(nominal: Kinematics, outcomes: Sequence[Outcome]) -> Array:
-    """Return the rotation (3, 3) by the best fit of nominal positions to the points of some."""
+    """Return the rotation (3, 3) tracker from base that best fits nominal positions to points."""
     outcomes = outcomes[:: 1 + len(outcomes) // SHOTS_FOR_AXES]
     modelled = nominal.forward(np.array([shot.joints for shot in outcomes]))
     points = np.array([shot.point_in_tracker_mm for shot in outcomes])
@@ -197,7 +224,8 @@ def _positions(nominal: Kinematics, joints: Array) -> Array:
 
 
 def _by_joints(nominal: Kinematics, joints: Array) -> Array:
-    """Return ∂position/∂joints, (N, 3, n): an arm turns as by its encoder's offset."""
+    """Return ∂position/∂joints, (N, 3, n)."""
+    # A joint acts on the pose as the offset of its encoder does, whose columns the Jacobian has.
     poses = nominal.forward(joints).values_or_raise()
     offsets = nominal.mechanism.parameters.columns["joint_offset"]
     return np.asarray(nominal.jacobian(joints, poses)[:, :3][:, :, offsets])

@@ -1,4 +1,4 @@
-"""Results of an attempt at a shot, by which the engine goes on."""
+"""Results of an attempt at a shot, which decide how the engine goes on."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -11,7 +11,7 @@ SKIPPED = "skipped by the operator"
 
 
 class Loss(Enum):
-    """Why an attempt gave no data, as far as the next one depends on it."""
+    """Reasons why an attempt gave no data, as far as the next attempt depends on them."""
 
     BEAM = "the beam was broken, and the tracker has its reflector again"
     UNSEEN = "the reflector was never seen at this pose"
@@ -21,7 +21,7 @@ class Loss(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Accepted:
-    """Outcome that agrees with the accepted shots; no one has written it yet."""
+    """Outcome that agrees with the accepted shots; it is not in the journal yet."""
 
     outcome: Outcome
 
@@ -35,11 +35,11 @@ class Skipped:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Point too far from where the accepted shots let it be expected."""
+    """Point too far from the one that the accepted shots predict."""
 
     reason: str
     outcome: Outcome
-    """Written as rejected."""
+    """Data of the attempt, which the journal has as rejected."""
     relocked: bool
     """Whether the tracker has found a reflector where this pose's should be."""
     attempts: int = 1
@@ -52,7 +52,7 @@ class Lost:
     reason: str
     loss: Loss
     error: Exception | None = None
-    """What the controller said about the target."""
+    """Error by which the target was refused; None if the attempt failed otherwise."""
     attempts: int = 1
 
 

@@ -1,4 +1,14 @@
-"""Resume: what a series has already, and whether and where it may go on."""
+"""Resume: what a series has already, and whether and where it may go on.
+
+Resuming is reading. The plan is compared with the accepted shots of the series in the journal, and
+the groups that lack a shot are what is left to measure. No state of a run is kept beside the
+journal, so that a stop, a crash, a power cut and a new plan row are all the same case.
+
+All shots of a series are fitted as one robot seen by one tracker. A series therefore goes on only
+with the plan, the parameter file, the controller and the tracker that it began with; otherwise it
+is refused, and the user brings those back or begins a new series. Whether stand or robot has moved
+in between cannot be read, it is measured (`Engine.check_unmoved`).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,17 +34,21 @@ class ResumeState:
     kept: tuple[AcceptedShot, ...]
     halves: tuple[PairVoided, ...]
     """Pairs cut in two by the end of the session: their shots no longer count."""
-    left: tuple[Group, ...]
+    unmeasured: tuple[Group, ...]
+    """Groups to measure, those of the halves among them."""
 
     def first_drift_mm(self) -> Vector3 | None:
-        """Return the point of the first drift shot."""
+        """Return the point of the first drift shot; None without one."""
+        # The first by its place in the journal, not by its stamp: the clock may have been set back.
         drifts = [s for s in self.kept if s.intent.purpose == ShotSet.DRIFT.value]
         first = min(drifts, key=lambda shot: shot.number, default=None)
         return first.outcome.point_in_tracker_mm if first else None
 
 
 def resume_state(steps: Sequence[Step], accepted: Sequence[AcceptedShot]) -> ResumeState:
-    """Sort what has been accepted of these steps into whole groups and cut ones."""
+    """Sort the accepted shots of these steps into whole groups and halves of pairs."""
+    # The two shots of a pair are compared with each other: they have to be of one time and one
+    # state of the cell, not of two sessions. So a half is voided, and its pair measured again.
     taken = {shot.intent.shot for shot in accepted}
     unmeasured = tuple(group for group in groups(steps) if not set(shots_of(group)) <= taken)
     reason = "the session ended between the two shots of the pair"
@@ -60,8 +74,8 @@ def missing_shots(series: Series, work: Work) -> tuple[int, ...]:
 def complete_series(journal: JournalReader, work: Work) -> Series | None:
     """Return the latest series of this stage if it is finished and measured this very plan.
 
-    One that ended early counts only if it meets the goal of this work, or if all the shots that it
-    lacks shall be skipped.
+    A series that ended early counts only if it meets the goal of this work, or if all the shots
+    that it lacks shall be skipped.
     """
     latest = journal.latest_series(work.stage)
     if latest is None or not latest.finished or _other_plan(latest, work):
@@ -69,7 +83,7 @@ def complete_series(journal: JournalReader, work: Work) -> Series | None:
     skipped = {shot for group in work.skipped_groups for shot in shots_of(group)}
     if set(missing_shots(latest, work)) <= skipped:
         return latest
-    if work.goal_mm is None or not is_met(work.goal_mm, work.known_from(latest.shots)):
+    if work.goal_mm is None or not is_met(work.goal_mm, work.uncertainty_from(latest.shots)):
         return None
     return latest
 
@@ -77,8 +91,11 @@ def complete_series(journal: JournalReader, work: Work) -> Series | None:
 def series_to_take_up(journal: JournalReader, work: Work) -> Series | None:
     """Return the series to go on with: an unfinished one, or one that lacks shots of this plan.
 
-    Raise `ResumeRefused` when plan or parameters are not those it began with.
+    None: a new series begins. Raise `ResumeRefused` if plan or parameters are not those that the
+    series began with.
     """
+    # A finished series with another plan is history: the new plan gets a series of its own. An
+    # unfinished one with another plan is a mistake that only the user can resolve.
     latest = journal.latest_series(work.stage)
     if latest is None or latest.started.imported:
         return None
@@ -96,7 +113,10 @@ def series_to_take_up(journal: JournalReader, work: Work) -> Series | None:
 def check_same_devices(
     series: Series, controller_serial: str | None, tracker_serial: str | None
 ) -> None:
-    """Raise `ResumeRefused` unless both are those that it began with; None: no one says which."""
+    """Raise `ResumeRefused` unless both devices are those that the series began with.
+
+    A serial number of None is not compared: the device was not asked yet, or states none.
+    """
     began = series.started
     for device, before, now in (
         ("controller", began.robot, controller_serial),
@@ -109,6 +129,7 @@ def check_same_devices(
 
 def how_it_stopped(journal: JournalReader, series: int) -> str:
     """Return how the last session of a series ended, in words."""
+    # A session that ends in order writes so. The last record being a start is the mark of a crash.
     records = [entry.record for entry in journal.records(series)]
     sessions = [row for row in records if isinstance(row, SessionStarted | SessionStopped)]
     if sessions and isinstance(sessions[-1], SessionStopped):
@@ -117,11 +138,10 @@ def how_it_stopped(journal: JournalReader, series: int) -> str:
 
 
 def _other_plan(series: Series, work: Work) -> str:
-    """Return how the plan differs from that of a series, in words; empty if it does not.
-
-    Only plan.csv, which a run measures, is edited by people: rows may go and come. Other stages
-    make their plans themselves, and one of them is the same to the last digit or another one.
-    """
+    """Return how the plan differs from that of a series, in words; "" if it does not."""
+    # Only plan.csv, which a run measures, is edited by people: rows may be added or removed, as
+    # long as those of measured shots stay as they were. Other stages compute their plans, which are
+    # therefore equal to the last digit or other plans.
     began = series.started
     if began.plan_digest == work.plan_digest:
         return ""

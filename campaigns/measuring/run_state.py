@@ -1,7 +1,7 @@
-"""Run state: what a run shows while it runs, and what its operator may ask for meanwhile."""
+"""Run state: what a run shows while it runs, and the wishes of its operator meanwhile."""
 
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from enum import Enum
 from threading import Lock
@@ -11,11 +11,11 @@ import numpy as np
 from campaigns.planning.steps import Step
 
 LATEST_SHOTS = 200
-"""Shots by whose pace the end is estimated."""
+"""Number of the latest shots by whose pace the end is estimated."""
 
 
 class EngineState(Enum):
-    """Where the engine stands; the value is the word on the screen."""
+    """State of the engine; the value is the word on the screen."""
 
     IDLE = "idle"
     MOVING = "moving"
@@ -29,11 +29,12 @@ class EngineState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class PositionUncertainty:
-    """Uncertainty (1 σ) that the identification shots so far give."""
+    """Uncertainty (1 σ) by the identification shots so far."""
 
     shots: int
+    """Number of shots that the fit has kept."""
     weakest: str
-    """Length that is known worst."""
+    """Name of the length with the largest uncertainty; "" if the model has none."""
     weakest_std_mm: float
     position_std_mm: float
     """Of positions all over the workspace, on average, after the best fit of their frame."""
@@ -43,7 +44,7 @@ class PositionUncertainty:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """One line of progress. Lengths in mm; None is not known yet."""
+    """One line of progress. Lengths in mm; None: not measured yet."""
 
     done: int
     total: int
@@ -55,22 +56,23 @@ class Progress:
     drift_mm: float | None = None
     beam_locked: bool = True
     beam_lost_s: float = 0.0
-    """How long the beam has been broken."""
+    """Time for which the beam has been broken."""
     beam_advice: str = ""
-    """What the operator can do about it; empty before it was looked for in vain."""
-    known: PositionUncertainty | None = None
+    """Advice to the operator; "" until the reflector was searched for in vain."""
+    uncertainty: PositionUncertainty | None = None
+    """None: too few shots."""
     goal_mm: float | None = None
-    """σ of positions at which measuring may end; None when all shall be measured."""
+    """σ of positions at which measuring may end; None if all shots shall be measured."""
 
 
 class RunObserver:
-    """Display of a run, this one of nothing; it must not raise nor take long."""
+    """Display of a run; this one shows nothing. Displays must not raise, nor take long."""
 
     def progress(self, progress: Progress) -> None:
         """Show that the run has moved on."""
 
     def event(self, text: str) -> None:
-        """Show what has happened; it is in the journal too."""
+        """Show an event, which the journal has already."""
 
 
 SILENT = RunObserver()
@@ -78,7 +80,9 @@ SILENT = RunObserver()
 
 
 def time_left_s(shot_seconds: Collection[float], shots_left: int) -> tuple[float, float] | None:
-    """Estimate the rest by the shots so far: the mean ± two standard deviations, s."""
+    """Estimate the remaining time by the shots so far: mean ± two standard deviations, s."""
+    # For n shots left and N measured, the variance is that of n shots, n s², plus that of n times a
+    # mean of N shots, n² s² / N.
     if len(shot_seconds) < 3:
         return None
     seconds = np.fromiter(shot_seconds, np.float64)
@@ -89,7 +93,7 @@ def time_left_s(shot_seconds: Collection[float], shots_left: int) -> tuple[float
 
 
 class RunState:
-    """The state of a run, and its progress for its display."""
+    """State of a run, passed to its display whenever it changes."""
 
     def __init__(
         self, observer: RunObserver, *, done: int, total: int, goal_mm: float | None = None
@@ -105,10 +109,10 @@ class RunState:
 
     def enter(self, state: EngineState) -> None:
         """Show another state."""
-        self._tell(replace(self._progress, state=state))
+        self._show(replace(self._progress, state=state))
 
     def rest(self) -> None:
-        """Show that nothing is done now, whatever was before."""
+        """Show that nothing is done now, whatever was done before."""
         if self._progress.state is not EngineState.IDLE:
             self.enter(EngineState.IDLE)
 
@@ -118,14 +122,14 @@ class RunState:
             self._progress, beam_locked=locked, beam_lost_s=lost_s, beam_advice=advice
         )
         if lost_s > 0.0:
-            self._tell(progress)  # somebody may be waiting for a sign of life
+            self._show(progress)  # somebody may be waiting for a sign of life
         self._progress = progress
 
     def accept(self, seconds: float, residual_mm: float | None, drift_mm: float | None) -> None:
         """Count a shot, and show when the run will end."""
         self._seconds.append(seconds)
         now, done = self._progress, self._progress.done + 1
-        self._tell(
+        self._show(
             replace(
                 now,
                 done=done,
@@ -137,7 +141,7 @@ class RunState:
 
     def update(self, uncertainty: PositionUncertainty | None) -> None:
         """Show the uncertainty by the shots that count."""
-        self._progress = replace(self._progress, known=uncertainty)
+        self._progress = replace(self._progress, uncertainty=uncertainty)
 
     def leave_out(self, shots: int) -> None:
         """Take shots of the plan out of the total."""
@@ -147,38 +151,42 @@ class RunState:
         """Take shots that do not count any more out of those done."""
         self._progress = replace(self._progress, done=self._progress.done - shots)
 
-    def _tell(self, progress: Progress) -> None:
+    def _show(self, progress: Progress) -> None:
         self._progress = progress
         self._observer.progress(progress)
 
 
 class Wish(Enum):
-    """What the operator may ask for beside a stop, applied where the robot stands still."""
+    """Wish of the operator beside a stop, applied only while the robot stands still."""
 
     PAUSE = "pause"
-    """After this pair; asked for again, it goes on."""
+    """Wait after this pair; asked for again, go on."""
     SKIP = "skip"
-    """The shot that is being moved to or looked for is left out, and its pair."""
+    """Leave out the shot that is being moved to or looked for, and its pair."""
     AGAIN = "again"
-    """The last shot, of a pair the pair, does not count and is measured again."""
+    """Void the last shot, or its whole pair, and measure it again."""
     PARK = "park"
-    """After this pair the robot goes where somebody can reach the reflector, and waits there."""
+    """Go where somebody can reach the reflector after this pair, and wait there."""
 
 
 class Wishes:
-    """Wishes asked for by any thread, each applied once."""
+    """Wishes of the operator, asked for by any thread, each applied once.
 
-    def __init__(self) -> None:
+    `stop_requested` is a function apart: a stop is looked at by every wait, and stays asked for.
+    """
+
+    def __init__(self, stop_requested: Callable[[], bool] = lambda: False) -> None:
+        self.stop_requested = stop_requested
         self._asked: set[Wish] = set()
-        self._lock = Lock()
+        self._lock = Lock()  # `ask` comes from the keyboard's thread
 
     def ask(self, wish: Wish) -> None:
-        """Ask for something; a second time before it is applied changes nothing."""
+        """Ask for a wish; a second time before it is applied changes nothing."""
         with self._lock:
             self._asked.add(wish)
 
     def take(self, wish: Wish) -> bool:
-        """Return whether it was asked for since it was taken last."""
+        """Return whether a wish was asked for since it was taken last."""
         with self._lock:
             is_asked = wish in self._asked
             self._asked.discard(wish)

@@ -1,4 +1,10 @@
-"""Log of one series in the journal; every attempt and every session gets its end."""
+"""Log of one series in the journal; every attempt and every session gets its end.
+
+The engine writes through this log and nothing else, in the order in which it acts: `begin` before
+the robot moves, an outcome or a rejection after the measurement, the session's end after the stop.
+Each call returns when its record is on the disk. If a record cannot be written, the error ends the
+run like any other: a robot is not moved for data that will not be kept.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,19 +18,22 @@ from drivers.errors import Cancelled, ExplainedError, RobotStateUnknown
 
 
 class SeriesLog:
-    """One series, as the engine writes it. This process alone writes to the journal."""
+    """One series, as the engine writes it. No other process writes to the journal meanwhile."""
 
     def __init__(self, journal: Journal, series: int, observer: RunObserver = SILENT) -> None:
         self._journal = journal
         self._observer = observer
         self._series = series
         self._open: records.Intent | None = None
+        """Attempt that has no end yet."""
+        # Numbers go on after those of earlier sessions, also after attempts that a crash cut off:
+        # a number that is used twice could give a shot the intent of another attempt.
         self._attempts: dict[int, int] = {}
         for entry in journal.records_of(records.Intent, series):
             self._attempts[entry.record.shot] = entry.record.attempt
 
     def begin(self, step: Step) -> records.Intent:
-        """Write what is about to be done, under the next free number of attempt."""
+        """Write the intent of an attempt at a step, under the next free number of attempt."""
         planned = step.planned
         intent = records.Intent(
             planned.shot,
@@ -43,7 +52,7 @@ class SeriesLog:
         return intent
 
     def write(self, record: records.Record) -> None:
-        """Write a record; it is on the disk when this returns."""
+        """Write a record, which is on the disk on return; raise `JournalFailed`."""
         self._journal.append(record, series=self._series)
         if isinstance(record, records.Outcome | records.Rejected):
             self._open = None
@@ -54,11 +63,11 @@ class SeriesLog:
         self.tell(event.text)
 
     def tell(self, text: str) -> None:
-        """Show the display of the run what the journal has already."""
+        """Show a text that the journal has already on the run's display."""
         self._observer.event(text)
 
     def close(self, how: records.Ending, reason: str) -> None:
-        """Write how the session ended, and that an attempt which has no end yet gave no data."""
+        """Write how the session ended; reject an attempt that has no end yet."""
         if self._open is not None:
             self.write(records.Rejected(self._open.shot, self._open.attempt, reason))
         self.write(records.SessionStopped(how, reason))
@@ -66,7 +75,13 @@ class SeriesLog:
 
 @contextmanager
 def closing(log: SeriesLog) -> Iterator[None]:
-    """Write how a session ended; nothing about the journal hides an unknown state of the robot."""
+    """Write how a session ended, and raise the error that ended it again."""
+    # Which error is raised matters more than the record:
+    # 1. A robot whose state is unknown is dangerous: a journal that cannot be written either must
+    #    not hide that.
+    # 2. A journal that has failed takes no further record: the session looks crashed, which is
+    #    right.
+    # 3. Otherwise the record states whether someone has interrupted the run or an error ended it.
     try:
         yield
     except RobotStateUnknown as error:

@@ -1,6 +1,19 @@
-"""Session: one series begun or resumed, what is missing measured, and closed."""
+"""Session: one process begins or resumes a series, measures what it lacks, and closes it.
 
-from collections.abc import Callable, Mapping, Sequence
+Everything that a session must remember lies in the journal, nothing in memory or in files of its
+own: resuming after a stop, a crash or a power cut is the same as beginning, with fewer groups left.
+
+The order is what makes it safe. Devices are identified before anything is written, so that a
+session on another robot or tracker leaves no trace in the series. What the robot and the beam look
+like is read before anything moves. The session's start is written before the first motion, and its
+end after the stop: a start without an end is the mark of a crash. A pair that the end of the last
+session cut in two is voided, and measured again as a whole. If shots were kept, poses are measured
+again before new ones are added to them, because something may have moved meanwhile. At the end the
+journal is closed, read back from the disk and verified: only then is the series said to be
+measured.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from campaigns.journal import records
@@ -18,29 +31,30 @@ from campaigns.version import VERSION
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """Result of a run: what was measured of its plan."""
+    """Result of a run: the measured part of its plan."""
 
     series: int
     shots: int
     left_out: int
-    """Shots of the plan that were not taken: the goal was met without them."""
+    """Number of the plan's shots that were not taken because the goal was met without them."""
     goal_mm: float | None
-    known: PositionUncertainty | None
+    uncertainty: PositionUncertainty | None
+    """Uncertainty by the accepted shots; None for too few of them."""
     skipped: Mapping[tuple[int, ...], str] = field(default_factory=dict)
-    """Shots that could not be measured, or should not be, and why."""
+    """Reasons by the shots that could not be measured, or should not be."""
     settling: records.Event | None = None
-    """Since which shot the robot has settled; None for too few visits of the drift pose."""
+    """Event that names the shots since which the robot has settled; None for too few of them."""
 
     @property
     def good(self) -> bool:
         """Return whether the goal is met, if there was one."""
-        return self.goal_mm is None or is_met(self.goal_mm, self.known)
+        return self.goal_mm is None or is_met(self.goal_mm, self.uncertainty)
 
 
 def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
-    """Return the result of a series by what the journal holds of it.
+    """Return the result of a series as the journal has it.
 
-    Of a group that was skipped more than once and is still missing, the latest reason is given.
+    A group may be skipped more than once; if it is still missing, the latest reason is given.
     """
     measured = next(row for row in journal.series() if row.number == series)
     missing = resume.missing_shots(measured, work)
@@ -52,7 +66,7 @@ def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
         if set(shots) <= set(missing)
     }
     left_out = len(missing) - sum(map(len, skipped))
-    uncertainty = work.known_from(measured.shots)
+    uncertainty = work.uncertainty_from(measured.shots)
     settling = next((event for event in reversed(events) if event.kind == "settling"), None)
     return RunResult(
         series, len(measured.shots), left_out, work.goal_mm, uncertainty, skipped, settling
@@ -64,18 +78,17 @@ def measure_series(
     journal: Journal,
     work: Work,
     observer: RunObserver,
-    stop_requested: Callable[[], bool],
+    wishes: Wishes,
     *,
     anew: bool = False,
-    wishes: Wishes | None = None,
 ) -> int:
     """Measure what the latest series of this stage still lacks, or a new one; return its number.
 
-    `wishes`: what the operator asks for meanwhile.
-    `anew` leaves an unfinished series as it is and begins another. Raise `ResumeRefused` when plan
-    or devices are not those it began with, `Interrupted`, or whatever stopped the engine. At the
-    end the journal is read back from the disk and verified.
+    `anew` leaves an unfinished series as it is and begins another. Raise `ResumeRefused` if plan or
+    devices are not those that the series began with, `Interrupted` if the operator stops the run,
+    or the error that ended it.
     """
+    # 1. Who answers, which series it is, and whether the devices are still those of its beginning.
     robot, tracker = cell.robot.identity(), cell.tracker.identity()
     today = records.SeriesStarted(
         work.stage,
@@ -91,6 +104,7 @@ def measure_series(
     begun = None if anew else resume.series_to_take_up(journal, work)
     if begun is not None:
         resume.check_same_devices(begun, robot.serial, tracker.serial)
+    # 2. From here on the session is in the journal.
     series = begun.number if begun else journal.start_series(today)
     log = SeriesLog(journal, series, observer)
     resumed = resume.how_it_stopped(journal, series) if begun else ""
@@ -98,7 +112,8 @@ def measure_series(
     log.write(records.SessionStarted(VERSION, robot, tracker, today.weather, beam))
     sessions = journal.records_of(records.SessionStarted, series)
     starts = [beam for entry in sessions if (beam := entry.record.beam) is not None]
-    with closing(log):
+    with closing(log):  # writes the session's end, whatever it is
+        # 3. What the series has: whole groups are kept, halves of pairs voided.
         if resumed:
             log.write(records.Event("resumed", f"{work.stage} goes on after {resumed}"))
         state = resume.resume_state(work.steps, journal.shots(series))
@@ -107,19 +122,27 @@ def measure_series(
         done, total = len(state.kept), len(work.steps)
         run_state = RunState(observer, done=done, total=total, goal_mm=work.goal_mm)
         mover = Mover(
-            cell.robot, cell.clock, work.speed_fraction, work.settle, work.robot, stop_requested
+            cell.robot,
+            cell.clock,
+            work.speed_fraction,
+            work.settle,
+            work.robot,
+            wishes.stop_requested,
         )
-        session = Session(
-            cell, work, log, run_state, work.gate_after(state.kept), mover, wishes or Wishes()
-        )
+        session = Session(cell, work, log, run_state, work.gate_after(state.kept), mover, wishes)
+        # The air is compared with that of the series' beginning, not of this session's.
         first_weather = (begun.started if begun else today).weather
         engine = Engine(session, starts, state, first_weather)
-        wanted = engine.leave_out_superfluous(_without_skipped(session, state.left))
-        if wanted and state.kept:  # has anything shifted since the last session?
+        wanted = engine.leave_out_superfluous(_without_skipped(session, state.unmeasured))
+        # 4. Nothing may have shifted since the last session, if old and new shots are to count
+        #    together. Where nothing is left to measure, there is nothing to compare either.
+        if wanted and state.kept:
             engine.check_unmoved()
+        # 5. The missing groups.
         engine.run(wanted)
         if not (begun and begun.finished):  # one that ended early is finished already
             log.write(records.SeriesFinished())
+    # 6. After the session's end, so that this record is proved, too.
     journal.prove()
     return series
 
@@ -137,6 +160,8 @@ def _without_skipped(session: Session, pending: Sequence[Group]) -> tuple[Group,
 
 def _beam_start(cell: Cell) -> records.BeamStart | None:
     """Read where the robot stands and the beam points before anything moves."""
+    # The operator has put the beam onto the robot's reflector there: a place to come back to when
+    # it is lost and no shot has been accepted yet.
     direction, state = cell.tracker.direction(), cell.robot.state()
     if direction is None or state.moving:
         return None

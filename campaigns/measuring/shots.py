@@ -1,8 +1,18 @@
 """One shot: intent, move, settle, measure, judge; and again until there is data.
 
-Each attempt has its intent in the journal before anything moves and its end after it. It gives one
-of four results: `Accepted`, with an outcome that is still to be written; `Skipped` by the operator;
-`Refused`, where a point was measured that contradicts the accepted ones; `Lost`, without data.
+An attempt takes these steps, and their order is what makes its data trustworthy:
+
+1. The intent is written, and is on the disk before anything moves. If the process dies on the way,
+   the journal shows which attempt is missing its end, and the number is not used again.
+2. The robot moves and settles. Its joints are read when it has stood still in place.
+3. The tracker measures. Its raw answer and the robot's are decoded a second time and compared.
+4. The gate compares the point with the one predicted by the accepted shots.
+5. The robot is read again: if it has moved since step 2, joints and point are not of one pose.
+6. The end is written: a rejection here, the outcome by `accept`, which the engine calls once the
+   shot has passed its own checks, too. Each intent has exactly one end.
+
+The result is `Accepted`, with an outcome that is still to be written; `Skipped` by the operator;
+`Refused`, if the point contradicts the accepted ones; or `Lost`, without data.
 """
 
 from collections.abc import Callable
@@ -20,14 +30,15 @@ from campaigns.planning.steps import Step
 from drivers.errors import BeamBroken, LimitViolation, NoReflector, NotAMeasurement
 
 FORGIVEN_BREAKS = 10
-"""Breaks of the beam, one after another at one shot, that count no attempt.
+"""Largest number of breaks of the beam at one shot that do not count as attempts.
 
-A reflector that is found each time and lost each time while it is measured is no passer-by.
+People walk through a beam, but not that often: a reflector that is found each time and lost again
+while it is measured is hidden or loose.
 """
 
 
 class Shots:
-    """Measures shots of one series."""
+    """Measures single shots of one series, and writes how each attempt ended."""
 
     def __init__(self, session: Session, beam: Beam, nests: NestPointer) -> None:
         self._session = session
@@ -35,10 +46,13 @@ class Shots:
         self._beam = beam
         self.nests = nests
         self._begun: int | None = None
-        """Shot that was begun, and that neither counts nor was compared yet."""
+        """Shot that was begun last; None once it counts or has been compared."""
 
     def retry(self, attempt: Callable[[], ShotResult], allowed: int | None = None) -> ShotResult:
-        """Try until there is data, it is skipped, or another attempt could not change anything."""
+        """Repeat an attempt until there is data, it is skipped, or no other attempt can help."""
+        # Only failures of this pose count against the attempts. A broken beam does not at first: it
+        # was waited for, and is back. A reflector that was never seen here counts only if it is
+        # visible at once from the pose before: then the beam is in order, and this pose is hidden.
         attempts = allowed or self._session.work.gate.attempts
         failures = breaks = 0
         while True:
@@ -58,9 +72,10 @@ class Shots:
 
     def take(self, step: Step, *, is_judged: bool = True) -> ShotResult:
         """Measure a step once; the gate judges it if `is_judged`, unless it is a nest's."""
+        # For the order of the steps see the head of this module.
         nest = step.planned.nest
         if not nest:
-            self.nests.leave()
+            self.nests.leave()  # the beam back onto the robot, before the robot moves away with it
         if self._is_skipped_already(step.planned.shot):
             return Skipped()
         self._run_state.begin(step)
@@ -72,16 +87,19 @@ class Shots:
         if not isinstance(outcome, Outcome):
             return outcome
         if not nest:
+            # Also points that are refused later: several of one place show a robot that does not
+            # move, whatever its encoders report.
             self._beam.remember(outcome)
         return self._judge(outcome, arrival, is_judged=is_judged and not nest)
 
     def compare_only(self, outcome: Outcome, reason: str) -> None:
-        """Write an outcome that was only compared: it does not count."""
+        """Write an outcome that served a comparison, as rejected: it does not count."""
         self._log.write(Rejected(outcome.shot, outcome.attempt, reason, outcome))
         self._end(f"shot {outcome.shot} was compared already")
 
     def accept(self, outcome: Outcome) -> None:
         """Write an outcome: the shot counts, and helps to predict the next one."""
+        # First to the disk, then into the gate: no shot is judged by one that a crash could lose.
         self._log.write(outcome)
         self._session.gate.accept(outcome)
         self._end_accepted(outcome)
@@ -102,12 +120,15 @@ class Shots:
 
     def _go(self, step: Step, intent: Intent) -> Arrival | Skipped | Lost:
         """Move to a step's pose, and settle there."""
+        # Only a target that is refused before anything moves is a matter of this one pose. Faults,
+        # an emergency stop or a robot that does not settle pass through, and end the run.
         try:
             arrival = self._session.mover.go(step, self._run_state.enter)
         except (LimitViolation, TargetOutOfReach) as error:
             self._log.write(Rejected(intent.shot, intent.attempt, error.problem))
             self._run_state.rest()
             return Lost(f"shot {intent.shot}: {error.problem}", Loss.TARGET, error)
+        # A wish to skip never stops a motion half-way: the robot arrives, and is not measured.
         if self._session.wishes.take(Wish.SKIP):
             self._log.write(Rejected(intent.shot, intent.attempt, SKIPPED))
             self._run_state.rest()
@@ -116,6 +137,8 @@ class Shots:
 
     def _measure(self, intent: Intent, arrival: Arrival, nest: str) -> Outcome | Skipped | Lost:
         """Measure the robot's reflector, or a nest's, and compare with the raw answers."""
+        # The outcome has the joints as they were read at rest, not those that were commanded: the
+        # difference is part of what the calibration explains.
         cell = self._session.cell
         self._run_state.enter(EngineState.MEASURING)
         try:
@@ -126,7 +149,7 @@ class Shots:
         except NotAMeasurement as error:
             return self._lose(intent, f"no measurement: {error.problem}")
         except BeamBroken as error:
-            if nest:
+            if nest:  # no waiting: the beam goes back to the robot before its next shot
                 return self._lose(intent, f"beam broken at nest {nest}: {error.problem}")
             return self._wait_for_beam(intent, arrival, error)
         self._run_state.see_beam(locked=True)
@@ -143,11 +166,14 @@ class Shots:
             came_from=arrival.came_from,
         )
         if cell.raw_readers is not None:
+            # A mistake of a driver would spoil every shot alike, and no gate or fit could see it.
             cell.raw_readers.check(outcome)
         return outcome
 
     def _judge(self, outcome: Outcome, arrival: Arrival, *, is_judged: bool) -> ShotResult:
-        """Refuse a point that contradicts the others, and one of a robot that has moved."""
+        """Refuse a point that contradicts the others; reject one if the robot has moved."""
+        # The gate first, for its prediction is kept with the rejection, too. That the robot has
+        # moved then outranks a refusal: a wrong pose is no evidence of a wrong reflector.
         refusal = ""
         if is_judged:
             decision = self._session.gate.judge(outcome)
@@ -162,12 +188,16 @@ class Shots:
         if refusal:
             reason = self._reject(outcome, refusal)
             self._run_state.rest()
+            # Look at once where this pose's reflector should be. If one is there, the tracker was
+            # on another, and the next attempt measures the right one; if not, see the engine.
             expected_mm = self._session.gate.expected_point_mm(outcome.joints)
             return Refused(reason, outcome, relocked=self._beam.is_at(expected_mm))
         return Accepted(outcome)
 
     def _wait_for_beam(self, intent: Intent, arrival: Arrival, error: BeamBroken) -> Skipped | Lost:
         """Wait until the beam is back, or until another pose must show where the reflector is."""
+        # The rejection is written before the wait, which may last until the operator comes: the
+        # attempt has its end, whatever happens meanwhile.
         self._run_state.see_beam(locked=False)
         reason = self._reject(intent, f"beam broken: {error.problem}")
         seen_here = not isinstance(error, NoReflector)
@@ -182,6 +212,8 @@ class Shots:
 
     def _is_skipped_already(self, shot: int) -> bool:
         """Begin a shot; return whether the operator asked to skip it between its attempts."""
+        # A wish belongs to the shot that was on the screen when the key was pressed. Pressed while
+        # no shot was being taken, it must not leave out the next one.
         was_begun, self._begun = self._begun == shot, shot
         if not self._session.wishes.take(Wish.SKIP):
             return False
@@ -193,7 +225,7 @@ class Shots:
         self._end(f"shot {outcome.shot} is already measured; press r to redo it")
 
     def _end(self, too_late: str) -> None:
-        """End a shot that is done; a wish to skip it came too late for that."""
+        """End a shot that is done; a wish to skip it has come too late."""
         self._begun = None
         self._run_state.enter(EngineState.IDLE)
         if self._session.wishes.take(Wish.SKIP):
@@ -219,9 +251,9 @@ class Shots:
 
 
 def _is_hopeless(result: Refused | Lost) -> bool:
-    """Return whether another attempt would end alike.
+    """Return whether another attempt would end in the same way.
 
-    The target is refused again, or the tracker is still on what was refused.
+    The controller would refuse the target again, or the tracker measure the refused point again.
     """
     match result:
         case Refused(relocked=relocked):

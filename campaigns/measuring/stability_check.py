@@ -1,43 +1,56 @@
-"""Stability check: poses measured again after a restart and at the end; what has moved."""
+"""Stability check: poses measured again after a restart and at the end; what has moved.
+
+All shots of a series share one frame of the tracker. If the stand was pushed between two sessions,
+or an encoder lost its zero, the fit would still find parameters, and they would be wrong. So three
+or four accepted poses, far from each other, are measured again. `rigid_body_test` decides whether
+the noise explains the differences and, if not, whether a motion of the tracker, one encoder or
+something else does. A single pose, where there are no three, can only show a distance: it has a
+fixed limit.
+
+The repetitions go into the journal as rejected, with their data: they are no shots of the plan, and
+must neither count twice in the fit nor enter the gate that rests on the poses they are compared
+with.
+"""
 
 from collections.abc import Sequence
 from functools import partial
 from math import dist
 
 from campaigns.journal.records import Event, Outcome
-from campaigns.measuring.reference_poses import FEWEST, ReferencePose, rigid_body_test
+from campaigns.measuring.reference_poses import FEWEST_POSES, ReferencePose, rigid_body_test
 from campaigns.measuring.results import SKIPPED, Accepted, Lost, Skipped, failure_of
 from campaigns.measuring.shots import Shots
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Step
 
-ANEW = (
+BEGIN_ANEW = (
     "shots before and after it have no common frame: mend it, then begin anew with "
     "--anew; or `pkmcal run DIR --force` goes on all the same"
 )
 
 
-def change_of(
+def measure_change(
     when: str, references: Sequence[ReferencePose], session: Session, shots: Shots
 ) -> str:
-    """Measure reference poses again; return what has changed, in words; empty for nothing.
+    """Measure reference poses again; return what has changed, in words; "" for no change.
 
-    The journal keeps these measurements, but they are no shots of the plan. Raise `GateRefused` for
-    one that cannot be measured.
+    `when` begins the text. Raise `GateRefused` if a pose cannot be measured.
     """
     pairs = [(before, _measure_again(step, before, session, shots)) for step, before in references]
     then = [before for before, now in pairs if now is not None]
     again = [now for _, now in pairs if now is not None]
-    if len(again) < min(FEWEST, len(references)):
+    # The operator has skipped so many that nothing can be tested: his decision, which is noted.
+    if len(again) < min(FEWEST_POSES, len(references)):
         text = f"{when} it is not known whether anything has moved: {SKIPPED}"
         session.log.announce(Event("operator note", text))
         return ""
-    if len(again) < FEWEST:
+    if len(again) < FEWEST_POSES:
         moved_mm = dist(then[0].point_in_tracker_mm, again[0].point_in_tracker_mm)
         limit_mm = session.work.gate.drift_mm
         has_changed = moved_mm > limit_mm
         text = f"shot {again[0].shot}: {drift_text(f'{when} the pose is', moved_mm, limit_mm)}"
     else:
+        # The robot's own scatter, by which poses may differ, is that of the accepted shots so far.
         work, accepted = session.work, session.gate.accepted
         noise = work.noise_by(work.uncertainty_monitor.posterior(accepted))
         size, change = rigid_body_test(work.robot.kinematics, accepted, then, again, noise)
@@ -50,15 +63,16 @@ def change_of(
 def _measure_again(step: Step, before: Outcome, session: Session, shots: Shots) -> Outcome | None:
     """Return the outcome of a reference pose, even if the gate refuses it; None if skipped.
 
-    One beyond the gate of distances is a wrong target: raise `GateRefused`.
+    Raise `GateRefused` if it is off by more than the gate's limit of distances: a wrong target.
     """
+    # What the gate refuses by some mm is the very motion that is looked for, and is returned.
     result = shots.retry(partial(shots.take, step))
     if isinstance(result, Skipped):
         return None
     if isinstance(result, Lost):
         raise failure_of(result)
     away_mm = dist(before.point_in_tracker_mm, result.outcome.point_in_tracker_mm)
-    if isinstance(result, Accepted):  # the journal has a refused one already
+    if isinstance(result, Accepted):  # a refused one has been written as rejected already
         reason = f"only compared with the first one, {away_mm:.3f} mm away"
         shots.compare_only(result.outcome, reason)
     elif away_mm > session.work.gate.distance_mm:

@@ -1,4 +1,16 @@
-"""Stopping rule: the uncertainty of positions that ends a run, `--until 0.02`."""
+"""Stopping rule: the uncertainty of positions that ends a run, `--until 0.02`.
+
+A plan is made for the scatter that its author expects; a robot that scatters less needs fewer
+shots. A goal is the mean standard deviation (1 σ, mm) of positions all over the workspace, as
+`identify` will report it from the shots so far. When it is met, the run ends early.
+
+Only shots that serve nothing but the identification are left out. Shots for validation, drift and
+nests are measured nevertheless, and a pair is measured or left out as a whole: the rule shortens a
+run, but takes nothing away from what checks its result.
+
+Before the run, the uncertainty by the whole plan is predicted: a goal that it cannot meet is
+refused before anything moves.
+"""
 
 import math
 import re
@@ -14,8 +26,8 @@ from campaigns.planning.steps import Group
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Vector3
 
-LARGEST_MM = 10.0
-"""No calibration is asked for less than this."""
+LARGEST_GOAL_MM = 10.0
+"""Largest goal in mm; a larger number is a typing error."""
 _GOAL = re.compile(r"(?:(?:σ|s|sigma|std)\s*=\s*)?(?P<number>[^\s=]+?)\s*(?:mm)?", re.IGNORECASE)
 
 
@@ -23,9 +35,9 @@ def read_goal(text: str) -> float:
     """Read a goal in mm such as `0.02`, `0.02 mm` or `σ=0.02`; raise `OptionsInvalid`."""
     matched = _GOAL.fullmatch(text.strip())
     std_mm = math.nan if matched is None else _number(matched["number"])
-    if not 0.0 < std_mm <= LARGEST_MM:
+    if not 0.0 < std_mm <= LARGEST_GOAL_MM:
         raise OptionsInvalid(
-            f"--until is '{shown(text)}', must be above 0 and at most {LARGEST_MM:g} mm",
+            f"--until is '{shown(text)}', must be above 0 and at most {LARGEST_GOAL_MM:g} mm",
             remedy="give the mean σ of positions in mm, such as 0.02",
         )
     return std_mm
@@ -40,7 +52,7 @@ def _number(text: str) -> float:
 
 
 def is_met(goal_mm: float | None, uncertainty: PositionUncertainty | None) -> bool:
-    """Return whether positions are known well enough; without a goal they never are."""
+    """Return whether the uncertainty of positions meets the goal; without a goal it never does."""
     return (
         goal_mm is not None and uncertainty is not None and uncertainty.position_std_mm <= goal_mm
     )
@@ -49,10 +61,10 @@ def is_met(goal_mm: float | None, uncertainty: PositionUncertainty | None) -> bo
 def predicted_stop(
     goal_mm: float, monitor: UncertaintyMonitor, tracker_mm: Vector3
 ) -> tuple[PositionUncertainty, int]:
-    """Return the uncertainty by the whole plan, and how many shots meet the goal.
+    """Return the uncertainty by the whole plan, and the number of shots that will meet the goal.
 
-    If they scatter only as the tracker states; shots to identify from, in the order of the plan.
-    Raise `PlanInvalid` when even the whole of it will not meet the goal.
+    The shots are those to identify from, in the order of the plan, with the noise that the tracker
+    states. Raise `PlanInvalid` if even the whole plan will not meet the goal.
     """
     whole = monitor.predicted(tracker_mm)
     if whole is None or not is_met(goal_mm, whole):
@@ -66,6 +78,8 @@ def predicted_stop(
             remedy=f"plan more shots, with `pkmcal plan --until {goal_mm:g}`, or ask for less; "
             "foreseen for a tracker as stated by tracker.uncertainty in campaign.yaml",
         )
+    # Each further shot lowers the uncertainty, so that the first count that suffices is found by
+    # bisection: a forecast takes long.
     counts = range(1, whole.shots + 1)
     fewest = bisect_left(
         counts, x=True, key=lambda count: is_met(goal_mm, monitor.predicted(tracker_mm, count))
@@ -75,6 +89,7 @@ def predicted_stop(
 
 def in_ranges(numbers: Sequence[int]) -> str:
     """Write increasing numbers short: `3–5, 8`."""
+    # In a run of consecutive numbers the difference between number and place is constant.
     runs = [
         [number for _, number in run]
         for _, run in groupby(enumerate(numbers), key=lambda placed: placed[1] - placed[0])

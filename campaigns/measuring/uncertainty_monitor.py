@@ -1,4 +1,9 @@
-"""Uncertainty monitor: how surely positions are known while a plan is measured."""
+"""Uncertainty monitor: uncertainty of positions while a plan is measured.
+
+The accepted shots are fitted as `identify` will fit them, without its search for changes of the
+model, and the covariance of the parameters gives σ at many positions all over the workspace. Their
+mean is what the screen shows and what `--until` is compared with.
+"""
 
 from collections.abc import Iterable, Sequence
 
@@ -22,16 +27,16 @@ from campaigns.shots.shots import Shots, shots_of_outcomes
 from drivers.values import Vector3
 
 FEWEST_SHOTS = 6
-"""Shots from which uncertainty is stated."""
+"""Least number of shots for which an uncertainty is stated."""
 
 
 class UncertaintyMonitor:
-    """Uncertainty of positions that any shots of one plan give."""
+    """Monitor of the uncertainty of positions by any shots of one plan."""
 
     def __init__(
         self, shots: Iterable[PlannedShot], robot: RobotModel, options: IdentificationOptions
     ) -> None:
-        """Judge positions all over the workspace; raise `ConfigInvalid` as `judged_positions`."""
+        """Choose positions all over the workspace; raise the `ConfigInvalid` of that choice."""
         self._planned = {shot.shot: shot for shot in shots}
         self._options = options
         self._model = error_model(robot.kinematics, None, options)
@@ -44,6 +49,8 @@ class UncertaintyMonitor:
 
     def posterior(self, outcomes: Iterable[Outcome]) -> Posterior | None:
         """Fit the accepted shots to identify from; return None for too few of them."""
+        # Shots whose joints no pose fits are left out, as `identify` leaves them out. A fit that
+        # has not converged states no uncertainty: its covariance would belong to other parameters.
         shots = self._shots([o for o in outcomes if self._identifies(o)])
         if len(shots) < FEWEST_SHOTS:
             return None
@@ -61,12 +68,15 @@ class UncertaintyMonitor:
     ) -> PositionUncertainty | None:
         """Return the uncertainty by the plan's first shots or all, seen from a tracker's place.
 
-        None for too few of them.
+        `count`: number of the first identification shots to use; None for all. Return None for too
+        few of them.
         """
         shots = list(self._planned.values())
         places = [n for n, s in enumerate(shots) if s.purpose is ShotSet.IDENTIFICATION]
         if count is not None and count < len(places):
-            shots = shots[: places[count]]  # with what lies between, from which joints come
+            # With the shots of other purposes between them: joints come from there to the next
+            # shot.
+            shots = shots[: places[count]]
         instrument = self._options.instrument
         try:
             at = forecast(shots, self._model, np.array(tracker_mm), instrument, self._judged)
@@ -90,9 +100,9 @@ class UncertaintyMonitor:
         )
 
     def stated(self, posterior: Posterior | None) -> PositionUncertainty | None:
-        """Return the uncertainty at the positions judged, with the nominal robot's derivatives.
+        """Return the uncertainty at the judged positions, with the nominal robot's derivatives.
 
-        Those of the fitted robot differ by the second order, and would cost half a fit.
+        Those of the fitted robot differ in second order, and would cost half a fit.
         """
         if posterior is None:
             return None
@@ -103,7 +113,9 @@ class UncertaintyMonitor:
         return PositionUncertainty(count, name, length_std, float(std.mean()), scatter)
 
     def _worst_length(self, posterior: Posterior) -> tuple[str, float]:
-        """Return the length that is known worst, with its 1 σ in mm."""
+        """Return the length with the largest uncertainty, and its 1 σ in mm."""
+        # Directions in which the data leave a parameter free are taken out: there σ would be that
+        # of the tolerance, whatever is measured.
         table = self._model.nominal.mechanism.parameters
         covariance = null_directions(posterior).transform_covariance(posterior.model_covariance)
         std: Array = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * self._model.tolerance

@@ -1,4 +1,8 @@
-"""Work of a session: what is to be measured, by which rules, and what all that do it share."""
+"""Work of a session: the steps to measure and their rules, and what all parts of a run share.
+
+`Cell` is the outside (devices, time, operator), `Work` the task, which is fixed before the run, and
+`Session` both together with the state that changes while it is carried out.
+"""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -29,15 +33,15 @@ from drivers.ports import Clock, LaserTracker, RobotController
 from drivers.values import Matrix3, Vector3
 
 UNKNOWN_NOISE = 0.25
-"""Standard deviation, in parts of the limit of drift, of a robot whose noise is unknown yet."""
+"""Standard deviation, in parts of the limit of drift, of a robot with too few shots to fit it."""
 FEWEST_FREEDOM = 6.0
-"""Degrees of freedom of a fit from which the robot's scatter is estimated by it."""
+"""Least degrees of freedom of a fit whose estimate of the robot's scatter is used."""
 UNATTENDED_BEAM_WAIT_S = 600.0
 
 
 @dataclass(frozen=True, slots=True)
 class RawReaders:
-    """Readers of the devices' raw answers, which check what is recorded beside them.
+    """Readers of the devices' raw answers, which check the values that are recorded with them.
 
     They raise `DriverError`.
     """
@@ -49,6 +53,9 @@ class RawReaders:
 
     def check(self, outcome: Outcome) -> None:
         """Raise `ImplausibleAnswer` if a shot's values are not those of its raw answers."""
+        # A mistake in a driver (a unit, an order of axes, an answer to an earlier question) would
+        # spoil all shots alike, and a fit would explain much of it. So each answer is decoded a
+        # second time, from the text that the journal keeps.
         point_mm, covariance_mm2 = self.point(outcome.raw_tracker)
         compared: list[tuple[str, object, object]] = [
             ("joints", outcome.joints, self.joints(outcome.raw_robot)),
@@ -58,7 +65,7 @@ class RawReaders:
             compared.append(("covariance_mm2", outcome.covariance_mm2 or (), covariance_mm2))
         for name, recorded, said in compared:
             values, raw = np.array(recorded), np.array(said)
-            # equal but for rounding: units are converted in two ways
+            # Equal except for rounding: units are converted in two ways.
             if values.shape != raw.shape or not np.allclose(values, raw, rtol=1e-12, atol=1e-15):
                 raise ImplausibleAnswer(
                     f"shot {outcome.shot}: {name} {recorded}, but the raw answer says {said}",
@@ -73,19 +80,19 @@ class Cell:
     robot: RobotController
     tracker: LaserTracker
     clock: Clock
-    """Time as the cell lives it: settling and deadlines of motions."""
+    """Time of the cell, simulated or real: settling and deadlines of motions."""
     wall_clock: Clock
-    """Time as the operator lives it: what is left."""
+    """Time of the operator: how long a shot takes, and when the run will end."""
     raw_readers: RawReaders | None = None
     ask: Callable[[str], bool] = lambda _: False
-    """Whether the operator, who is shown what to do, confirms that it is done."""
+    """Function that shows the operator a task, and returns whether he confirms that it is done."""
     beam_wait_s: float = UNATTENDED_BEAM_WAIT_S
     """Longest wait for a broken beam; infinite where an operator is there to place it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Work:
-    """Work of a session: what is to be measured, and by which rules."""
+    """Work of a session: the steps to measure, and the rules for them."""
 
     stage: Stage
     steps: tuple[Step, ...]
@@ -97,33 +104,33 @@ class Work:
     settle: SettleConfig
     gate: GateConfig
     search_mm: float
-    """Distance from the tracker at which is searched while the robot's place is unknown."""
+    """Distance from the tracker of a search while the place of the robot's reflector is unknown."""
     look_back_s: float = 60.0
-    """Longest wait for a reflector at a pose where it never was seen."""
+    """Longest wait for a reflector at a pose where it was never seen."""
     options: IdentificationOptions
     """Options of the identification, by which the uncertainty is computed."""
     station: Station | None = None
     """Place of the tracker by campaign.yaml; None: it is not given."""
     goal_mm: float | None = None
-    """Mean 1 σ of positions that suffices; once it is met, only the other shots are taken."""
+    """Mean 1 σ of positions that ends the identification shots; None: all are measured."""
     skip: frozenset[int] = frozenset()
-    """Shots that shall not be measured, nor the partners of their pairs."""
+    """Shots that shall not be measured, nor the other shots of their pairs."""
     override: bool = False
     """Whether to go on although poses have moved since the last session."""
     park: tuple[float, ...] = ()
-    """Joints where the robot is parked; (): at the first drift pose, or where it stands."""
+    """Joints where the robot is parked; (): the first drift pose, or where the robot stands."""
     ends_at: tuple[float, ...] = ()
     """Joints where the robot is left at the end; (): where the last shot was taken."""
     nests: tuple[NestConfig, ...] = ()
     reflector: str = ""
-    """The robot's, by its name in the tracker."""
+    """Robot's reflector, by its name in the tracker."""
     measuring_time_s: float = 1.0
     compared_at_end: bool = False
     """Whether spread poses are measured again at the end of a series that nothing interrupted."""
 
     @property
     def park_joints(self) -> tuple[float, ...] | None:
-        """Joints where the robot is parked; None: nowhere else than it stands."""
+        """Joints where the robot is parked; None: it stays where it stands."""
         drift = (s.planned.joints for s in self.steps if s.planned.purpose is ShotSet.DRIFT)
         return self.park or next(drift, None)
 
@@ -138,15 +145,18 @@ class Work:
         shots = [step.planned for step in self.steps]
         return UncertaintyMonitor(shots, self.robot, self.options)
 
-    def known_from(self, shots: Iterable[AcceptedShot]) -> PositionUncertainty | None:
-        """Fit the accepted shots of a series, and return the uncertainty that they give."""
+    def uncertainty_from(self, shots: Iterable[AcceptedShot]) -> PositionUncertainty | None:
+        """Fit the accepted shots of a series; return their uncertainty, None for too few."""
         return self.uncertainty_monitor.fitted(shot.outcome for shot in shots)
 
     def noise_by(self, posterior: Posterior | None) -> ReferenceNoise:
         """Return the noise of poses measured twice: the tracker's, and the robot's own scatter.
 
-        With too few shots to estimate it, the robot may scatter by a part of what drift shots may.
+        With too few shots to estimate the scatter, it is taken for a quarter of the limit of drift.
         """
+        # Degrees of freedom: three coordinates a shot less the unknowns. Unknowns that the prior
+        # determines rather than the data use up less than one each: trace(covariance · prior), the
+        # elementwise sum of two symmetric matrices, counts what is given back.
         instrument, freedom = self.options.instrument, 0.0
         if posterior is not None:
             used = (posterior.covariance * posterior.prior).sum()
@@ -158,10 +168,9 @@ class Work:
         return ReferenceNoise(instrument, point_mm, joint, freedom, self.gate.drift_mm)
 
     def gate_after(self, shots: Iterable[AcceptedShot]) -> Gate:
-        """Return a gate that rests on these shots alone, with all errors of the robot free.
-
-        Those of the tracker are far below its limits.
-        """
+        """Return a gate that rests on these shots alone, with all errors of the robot free."""
+        # Errors of the tracker are held at zero: they are far below the limits. Shots of nests have
+        # no part in it: they do not measure the robot.
         model = ErrorModel(
             self.robot.kinematics, TRACKER_SOURCES, group_tolerances=self.options.tolerances
         )

@@ -36,7 +36,7 @@ from campaigns.controllers.load_journal import (
 from campaigns.evaluation.verdict import lost_beyond
 from campaigns.journal.journal import Journal
 from campaigns.journal.records import Finding
-from campaigns.measuring.run_state import SILENT, RunObserver
+from campaigns.measuring.run_state import SILENT, RunObserver, Wishes
 from campaigns.measuring.series_log import problem_of
 from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell
@@ -407,7 +407,12 @@ class _Loading:
             try:
                 terms.prepare(cell)
                 series = measure_series(
-                    cell, self.journal, work, terms.observer, terms.stop_requested, anew=anew
+                    cell,
+                    self.journal,
+                    work,
+                    terms.observer,
+                    Wishes(terms.stop_requested),
+                    anew=anew,
                 )
             except (errors.Interrupted, Cancelled):
                 if not terms.goes_on():

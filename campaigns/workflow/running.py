@@ -23,7 +23,7 @@ from campaigns.controllers.controller_state import ControllerState
 from campaigns.controllers.load_journal import load_history
 from campaigns.errors import OptionsInvalid
 from campaigns.measuring import resume
-from campaigns.measuring.run_state import SILENT, PositionUncertainty, RunObserver
+from campaigns.measuring.run_state import SILENT, PositionUncertainty, RunObserver, Wishes
 from campaigns.measuring.session import RunResult, measure_series, run_result
 from campaigns.measuring.stopping_rule import predicted_stop, read_goal
 from campaigns.measuring.work import Cell, Work
@@ -112,12 +112,14 @@ def run_preview(
                 config = campaign.config
                 resume.check_same_devices(series, config.controller.serial, config.tracker.serial)
                 kept = resume.resume_state(work.steps, series.shots)
-    skipped = [group for group in kept.left if group in work.skipped_groups]
-    pending = [shot for group in kept.left if group not in skipped for shot in shots_of(group)]
+    skipped = [group for group in kept.unmeasured if group in work.skipped_groups]
+    pending = [
+        shot for group in kept.unmeasured if group not in skipped for shot in shots_of(group)
+    ]
     return RunPreview(
         series=None if series is None else series.number,
         shots=len(work.steps),
-        measured=len(work.steps) - sum(map(len, kept.left)),
+        measured=len(work.steps) - sum(map(len, kept.unmeasured)),
         pending=tuple(pending),
         skipped=tuple(shot for group in skipped for shot in shots_of(group)),
         seconds=seconds * len(pending) / max(len(work.steps), 1),
@@ -179,5 +181,5 @@ def run(
     work = run_work(campaign, campaign.checked_plan(), options)
     predicted_end(campaign, work)
     with campaign.journal() as journal:
-        series = measure_series(cell, journal, work, observer, stop_requested, anew=anew)
+        series = measure_series(cell, journal, work, observer, Wishes(stop_requested), anew=anew)
         return run_result(journal, series, work)

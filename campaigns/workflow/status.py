@@ -121,7 +121,7 @@ def _progress(evidence: Evidence, series: Series) -> StageProgress:
     if series.started.stage == "run" and evidence.plan is not None:
         planned = len(evidence.plan)
         if not plan_difference([shot.intent for shot in series.shots], evidence.plan):
-            pending = resume_state(joint_steps(evidence.plan), series.shots).left
+            pending = resume_state(joint_steps(evidence.plan), series.shots).unmeasured
             shots = planned - sum(map(len, pending))
     return StageProgress(
         series=series.number,

@@ -30,7 +30,7 @@ from campaigns.evaluation.verdict import CampaignVerdict, ValidationVerdict
 from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, Finding, Stage
-from campaigns.measuring.run_state import SILENT, RunObserver
+from campaigns.measuring.run_state import SILENT, RunObserver, Wishes
 from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell, Work
 from campaigns.options import ValidationOptions, ValidationStage
@@ -320,7 +320,7 @@ def validate(
     for note in notes:
         observer.event(note)
     with campaign.journal() as journal:
-        series = measure_series(cell, journal, work, observer, stop_requested)
+        series = measure_series(cell, journal, work, observer, Wishes(stop_requested))
         return record_validation(campaign, journal, series, stage, options.by)
 
 

@@ -43,7 +43,7 @@ RUN = Progress(
     (310.0, 420.0),
     0.023,
     0.012,
-    known=PositionUncertainty(30, "arm3.forearm_mm", 0.086, 0.013),
+    uncertainty=PositionUncertainty(30, "arm3.forearm_mm", 0.086, 0.013),
 )
 
 

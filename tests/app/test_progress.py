@@ -89,7 +89,7 @@ def measured(residuals_mm):
 
 def test_the_screen_says_state_end_figures_and_keys():
     shots = measured((0.004, 0.006, 0.005, 0.004, 0.006, 0.0123))
-    now = replace(AT_WORK, done=6, known=KNOWN, goal_mm=0.02)
+    now = replace(AT_WORK, done=6, uncertainty=KNOWN, goal_mm=0.02)
     lines = lines_on(screen_of(*shots, now))
     assert lines[0] == "run: measuring shot 12 (identification)"
     assert lines[2:8] == [
@@ -125,7 +125,9 @@ def test_each_state_has_words_and_what_can_be_done(progress, first, to_do):
 @pytest.mark.parametrize("size", [(40, 12), (80, 24), (120, 40)])
 def test_the_screen_fits_and_breaks_no_word(size):
     events = ["shot 9, attempt 1: the robot moved while it was measured"] * 50
-    lines = lines_on(screen_of(replace(AT_WORK, known=KNOWN), events=events, size=size), size[0])
+    lines = lines_on(
+        screen_of(replace(AT_WORK, uncertainty=KNOWN), events=events, size=size), size[0]
+    )
     assert all(len(line) <= size[0] for line in lines)
     assert {"(identification)", "weakest", "±0.006"} <= {*" ".join(lines).split()}
     assert len(lines) <= size[1] or size[0] < 80
@@ -187,10 +189,12 @@ def test_without_a_terminal_it_is_said_at_once_what_to_do_about_a_lost_beam():
 
 def test_every_state_is_said_to_those_who_asked_and_events_are_never_cut():
     event = "the air has changed by +1.25 °C since the start [limit 1]"
-    assert lines_of(AT_WORK, event, replace(AT_WORK, known=KNOWN), verbose=True, width=20) == [
+    assert lines_of(
+        AT_WORK, event, replace(AT_WORK, uncertainty=KNOWN), verbose=True, width=20
+    ) == [
         f"run: {line_of(AT_WORK)}",
         f"! {event}",
-        f"run: {line_of(replace(AT_WORK, known=KNOWN))}",
+        f"run: {line_of(replace(AT_WORK, uncertainty=KNOWN))}",
         f"run: {summary(AT_WORK)}",
         f"run: {certainty(KNOWN)}",
     ]

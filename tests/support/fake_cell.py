@@ -246,7 +246,7 @@ class FakeCell:
         self.tracker = FakeTracker(self.clock, self.calls, self.robot, self.truth)
         self.tracker.cancelled = self.wish
         self.observer = Listener()
-        self.wishes = Wishes()
+        self.wishes = Wishes(self.wish)
 
     @property
     def devices(self) -> Cell:
@@ -255,9 +255,7 @@ class FakeCell:
         return Cell(self.robot, self.tracker, clock, clock, raw_readers=readers, beam_wait_s=wait_s)
 
     def measure(self, journal: Journal, work: Work, *, anew: bool = False) -> int:
-        return measure_series(
-            self.devices, journal, work, self.observer, self.wish, anew=anew, wishes=self.wishes
-        )
+        return measure_series(self.devices, journal, work, self.observer, self.wishes, anew=anew)
 
     def run(self, folder: Path, work: Work, *, anew: bool = False) -> Told:
         """Measure, and read what the journal on the disk holds of it."""

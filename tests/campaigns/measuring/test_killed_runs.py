@@ -23,7 +23,7 @@ from campaigns.campaign import now_utc
 from campaigns.journal.journal import Journal, read_journal
 from campaigns.journal.records import Intent, Outcome
 from campaigns.measuring.resume import complete_series
-from campaigns.measuring.run_state import SILENT
+from campaigns.measuring.run_state import SILENT, Wishes
 from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import Cell
 from campaigns.planning.plans import PlanRequest, View, make_plan
@@ -114,7 +114,7 @@ def run(folder, shots, tell_to, dies_after):
     with TellingJournal(folder / "campaign.db", tell_to, dies_after) as journal:
         planned = work(shots, settle=AT_ONCE)
         if complete_series(journal, planned) is None:
-            measure_series(cell, journal, planned, SILENT, lambda: False)
+            measure_series(cell, journal, planned, SILENT, Wishes())
 
 
 def killed(folder, shots, *, dies_after=None, after_s=None):

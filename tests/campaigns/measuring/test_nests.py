@@ -120,7 +120,9 @@ def test_operator_is_asked_for_what_nobody_else_can_do(tmp_path: Path) -> None:
 
     with journal_in(tmp_path, cell.calls) as journal:
         devices = replace(cell.devices, ask=ask)
-        measure_series(devices, journal, work_at((*NESTS[:2], untaught)), cell.observer, cell.wish)
+        measure_series(
+            devices, journal, work_at((*NESTS[:2], untaught)), cell.observer, cell.wishes
+        )
     words = [text.removeprefix("the robot stands still: ").split(" and ")[0] for text in asked]
     put, back = "put the reflector into nest C", "put the reflector back onto the robot"
     assert words == [put, "point the beam at the reflector in nest C", back, put, back]

@@ -101,7 +101,7 @@ def test_without_a_goal_all_is_measured_however_much_is_known(tmp_path: Path) ->
         assert not goals_met(journal)
     assert numbers(shots) == ALL
     assert cell.observer.told[-1].goal_mm is None
-    told = [progress.known for progress in cell.observer.told if progress.known]
+    told = [progress.uncertainty for progress in cell.observer.told if progress.uncertainty]
     assert told[0].shots == 6, "of fewer shots nothing is stated"
     assert told[-1].shots == len(IDENTIFICATION)
     assert told[-1].position_std_mm == pytest.approx(mean_std_mm(shots), rel=0.01)
@@ -187,6 +187,6 @@ def test_a_resumed_run_knows_what_the_journal_tells(tmp_path: Path) -> None:
     cell = interrupted_at_move(tmp_path, 2)
     with journal_in(tmp_path, []) as journal:
         kept = journal.shots(1)
-    known = cell.observer.told[0].known
+    known = cell.observer.told[0].uncertainty
     assert known.shots == sum(shot.intent.purpose == "identification" for shot in kept)
     assert known.position_std_mm == pytest.approx(mean_std_mm(kept), rel=0.01)
