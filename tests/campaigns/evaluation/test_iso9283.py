@@ -26,13 +26,6 @@ def test_ap_is_the_distance_of_the_mean_with_scatter_and_instrument_in_its_uncer
     assert found.accuracy.standard_uncertainty_mm == pytest.approx(np.hypot(of_mean, 0.3))
 
 
-def test_rp_is_mean_and_three_deviations_of_the_distances_from_the_mean() -> None:
-    assert visits(cross(2.0)).rp.value_mm == pytest.approx(2.0)
-    found = visits([[-3.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]).rp  # l = 3, 1, 2
-    assert found.value_mm == pytest.approx(2.0 + 3.0 * 1.0)
-    assert found.standard_uncertainty_mm == pytest.approx(np.sqrt(1.0 / 3.0 + 9.0 / 4.0))
-
-
 def test_the_uncertainty_of_rp_is_what_other_samples_scatter() -> None:
     rng = np.random.default_rng(1)
     found = [visits(rng.normal(size=(28, 3))).rp for _ in range(400)]

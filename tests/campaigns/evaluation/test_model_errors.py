@@ -1,64 +1,22 @@
 """Model errors over several sessions: each shot by the frame of its own."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from fake_cell import CENTRE, NOMINAL
-from family_cases import VECTORS, flat_in
-from par4_space import par4
+from rod_campaigns import TRACKER_FROM_BASE, rod_campaign
 from scipy.spatial.transform import Rotation
-from small_plans import LIMITS
 
-from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
 from campaigns.evaluation.model_errors import ModelErrors
 from campaigns.evidence import Evaluation, Evidence, MeasuredSeries, gather
-from campaigns.fit.rigid_transforms import Transform, from_paper_angles
+from campaigns.fit.rigid_transforms import Transform
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification, read_identification
-from campaigns.kinematics.mechanism import Kinematics
-from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import Shots
+from campaigns.robots.robot import find_robot
 
-NOISE_MM = 0.015 / 3**0.5
-TRACKER_FROM_BASE = from_paper_angles(np.array([2.1, 0.02, -0.03]), np.array([2500.0, 400, 300]))
-_TABLE1 = json.loads((VECTORS / "table1-exact.json").read_text(encoding="utf-8"))
-TRUTH = par4(flat_in(_TABLE1["truth"]))
-
-
-def simulated(fitted: int, unseen: int, seed: int, truth: Kinematics = TRUTH) -> Shots:
-    """Pairs measured by a perfect tracker, which states nothing; a seed gives their places."""
-    tracker_mm, facing = np.array([2500.0, 0.0, 0.0]), np.eye(3)[0]
-    region = FeasibleRegion(NOMINAL, LIMITS, CENTRE, tracker_mm, facing, np.pi)
-    count = 2 * (fitted + unseen)
-    poses = interior_poses(region, count, np.random.default_rng(seed))
-    joints = NOMINAL.inverse(poses).values_or_raise()
-    points = TRACKER_FROM_BASE.apply(truth.forward(joints).values_or_raise()[:, :3])
-    purposes = [ShotSet.IDENTIFICATION] * (2 * fitted) + [ShotSet.VALIDATION] * (2 * unseen)
-    return Shots(
-        numbers=tuple(range(count)),
-        purposes=tuple(purposes),
-        pairs=tuple(np.repeat(np.arange(fitted + unseen), 2).tolist()),
-        joints=joints,
-        points_in_tracker_mm=points,
-        stated_covariance_mm2=np.full((count, 3, 3), np.nan),
-        approach=np.zeros_like(joints),
-        commanded=np.full((count, 4), np.nan),
-        measured_utc=("",) * count,
-        temperature_degC=np.full(count, np.nan),
-    )
-
-
-def noisy(data: Shots, seed: int, std_mm: float = NOISE_MM) -> Shots:
-    """With noise of which the tracker states the deviation."""
-    noise = np.random.default_rng(seed).normal(0.0, std_mm, data.points_in_tracker_mm.shape)
-    covariance = np.tile(std_mm**2 * np.eye(3), (len(data.numbers), 1, 1))
-    points = data.points_in_tracker_mm + noise
-    return replace(data, points_in_tracker_mm=points, stated_covariance_mm2=covariance)
-
-
+NOMINAL = find_robot("par4-prototype").robot.kinematics
+NOISE_MM = 0.01
 MOVED_AT = 70
 ELSEWHERE = Transform(
     Rotation.from_euler("zyx", [70.0, 3.0, -2.0], degrees=True).as_matrix(),
@@ -69,7 +27,7 @@ ELSEWHERE = Transform(
 @pytest.fixture(scope="module")
 def shots():
     """60 pairs to identify from and 20 unseen ones, the tracker elsewhere from shot 70 on."""
-    data = noisy(simulated(60, 20, seed=6, truth=TRUTH), seed=6)
+    data = rod_campaign("par4-prototype", shots=120, pairs=20, seed=6, noise_mm=NOISE_MM).shots
     later = np.array(data.numbers) >= MOVED_AT
     points = data.points_in_tracker_mm
     points = np.where(later[:, None], ELSEWHERE.apply(points), points)
