@@ -63,9 +63,7 @@ class GeometrySection(Section):
     arms: tuple[dict[str, float], ...]
     """Arms, each with the keys of a robot file."""
     plate_mm: Positive | None = None
-    """As in a robot file."""
     pinion_mm: Positive | None = None
-    """As in a robot file."""
 
     def flat(self, kind: Kind) -> dict[str, float]:
         """Return the values by flat name, mm and deg; raises `ValueError` for no such robot."""
@@ -82,17 +80,11 @@ class Tolerances(Section):
     """Standard deviations of manufacture, drawn by the seed; the first motor holds the frame."""
 
     position_mm: NotNegative = 0.0
-    """Deviation of motor centres 1 to 3; motor 0 holds the frame."""
     length_mm: NotNegative = 0.0
-    """Deviation of arms, forearms and plate."""
     joint_offset_deg: NotNegative = 0.0
-    """Deviation of joint offsets."""
     azimuth_mrad: NotNegative = 0.0
-    """Deviation of arm directions."""
     rod_mm: NotNegative = 0.0
-    """Deviation of each rod's length."""
     axis_tilt_mrad: NotNegative = 0.0
-    """Deviation of motor axes from the horizontal."""
 
 
 class Repeatability(Section):
@@ -110,11 +102,8 @@ class Warmth(Section):
     """Parts that grow warm, and longer, with worked time."""
 
     ppm_per_degC: float = 12.0
-    """Expansion by temperature."""
     rise_degC: float = 0.0
-    """Temperature rise in the end."""
     time_constant_s: Positive = 1800.0
-    """Time constant of the rise, in worked time."""
 
     def warmer_by(self, worked_s: float) -> float:
         """Return the temperature above that of the start, °C."""
@@ -125,11 +114,8 @@ class Thermal(Section):
     """Arms, or the scales of rails; and forearms and frame, whose warmth is their own."""
 
     arm_ppm_per_degC: float = 12.0
-    """Expansion of arms, or of the scales of rails."""
     rise_degC: float = 0.0
-    """Their temperature rise in the end."""
     time_constant_s: Positive = 1800.0
-    """Time constant of their rise, in worked time."""
     forearms: Warmth = Warmth()
     """Warmth of the forearms."""
     frame: Warmth = Warmth()
@@ -298,13 +284,9 @@ class StartSection(Section):
     """Pose of the controlled point at the start."""
 
     x_mm: float = 0.0
-    """Pose at the start."""
     y_mm: float = 0.0
-    """Pose at the start."""
     z_mm: float = -575.0
-    """Pose at the start."""
     theta_deg: float = 0.0
-    """Pose at the start."""
 
 
 class ControllerSection(Section):

@@ -65,19 +65,12 @@ class AcceptanceSection(Section):
     """Limits that a campaign on this cell asks for; None: not asked for."""
 
     distance_mean_mm: Positive | None = None
-    """As in campaign.yaml; `new` copies it."""
     distance_max_mm: Positive | None = None
-    """As in campaign.yaml; `new` copies it."""
     rotation_mm: Positive | None = None
-    """As in campaign.yaml; `new` copies it."""
     straightness_mm: Positive | None = None
-    """As in campaign.yaml; `new` copies it."""
     repeatability_mm: Positive | None = None
-    """As in campaign.yaml; `new` copies it."""
     pose_accuracy_mm: Positive | None = None
-    """As in campaign.yaml; `new` copies it."""
     pose_repeatability_mm: Positive | None = None
-    """As in campaign.yaml; `new` copies it."""
 
 
 class Scenario(Section):

@@ -33,9 +33,7 @@ class Limit(Section):
     """A maximum permissible error of a + b · distance; its standard uncertainty is 1/√3 of it."""
 
     constant_um: NotNegative
-    """Constant part of the limit; 1/√3 of the limit is the standard uncertainty."""
     per_metre_um: NotNegative
-    """Part of the limit per metre."""
 
     def sigma_mm(self, distance_mm: float) -> float:
         """Return the standard uncertainty at that distance."""

@@ -16,17 +16,11 @@ class StationSection(Section):
     """Pose of the tracker in the base frame, turned by roll, then pitch, then yaw."""
 
     x_mm: float
-    """Place in the base frame."""
     y_mm: float
-    """Place in the base frame."""
     z_mm: float
-    """Place in the base frame."""
     yaw_deg: float = 0.0
-    """Turned by roll, then pitch, then yaw."""
     pitch_deg: float = 0.0
-    """Second turn."""
     roll_deg: float = 0.0
-    """First turn."""
     creep_mm_per_h: Point = (0.0, 0.0, 0.0)
     """Drift of the stand in the base frame, with worked time."""
     yaw_deg_per_h: float = 0.0
@@ -45,26 +39,18 @@ class Air(Section):
     """Weather at the start, and its drift with worked time."""
 
     temperature_degC: float = 20.0
-    """Air at the start."""
     pressure_hPa: float = 1013.25
-    """Air pressure."""
     humidity_percent: Annotated[float, Field(ge=0.0, le=100.0)] = 50.0
-    """Relative humidity."""
     drift_degC_per_h: float = 0.0
-    """Temperature drift, with worked time."""
 
 
 class SimulatedReflector(Section):
     """A reflector definition that the tracker holds. Target type 1 is a corner cube."""
 
     id: Count
-    """Number of the reflector."""
     name: Annotated[str, Field(min_length=1, max_length=31)]
-    """Name of the reflector."""
     target_type: Annotated[int, Field(ge=0, le=11)] = 1
-    """Type: 1 is a corner cube."""
     surface_offset_mm: NotNegative
-    """Distance from its centre to its surface."""
 
 
 class NestSection(Section):

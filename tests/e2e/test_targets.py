@@ -22,6 +22,7 @@ IMPERFECT = {
     "robot.repeatability": None,
     "robot.thermal": None,
     "controller.computes_plate_tilt": True,
+    "controller.computes_transmission": True,
 }
 """A robot that no 22 parameters explain, and that comes back to where it was; its controller can be
 given all that was identified."""
