@@ -22,10 +22,8 @@ def rows(table):
     return table.read_text(encoding="utf-8").splitlines() if table.exists() else []
 
 
-@pytest.fixture(scope="module")
-def killed(planned_once, tmp_path_factory):
-    """The table of a study that was killed at work, and which of its processes stayed."""
-    tables = tmp_path_factory.mktemp("killed")
+def test_killed_study_leaves_no_process_and_goes_on_as_if_nothing_had_been(planned_once, tmp_path):
+    tables, other = tmp_path / "killed", tmp_path / "whole"
     options = ("--campaigns", str(MANY), "--workers", "2", "--to", str(tables))
     command = (sys.executable, "-m", "app.main", "study", str(planned_once), *options)
     with subprocess.Popen(command, stderr=subprocess.DEVNULL) as study:
@@ -38,17 +36,9 @@ def killed(planned_once, tmp_path_factory):
     for process in stayed:
         process.kill()
     assert len(workers) >= 2
-    return tables, stayed
-
-
-def test_workers_of_a_killed_study_end_too(killed):
-    assert killed[1] == []
-
-
-def test_killed_study_goes_on_as_if_nothing_had_been(killed, planned_once, tmp_path):
-    tables, _ = killed
+    assert stayed == []
     assert len(rows(tables / TABLE)) < MANY
-    for folder in (tables, tmp_path):
+    for folder in (tables, other):
         options = ("--campaigns", str(FEW), "--workers", "1", "--to", str(folder))
         assert run_command(["study", str(planned_once), *options]) == 0
-    assert rows(tables / TABLE)[: FEW + 1] == rows(tmp_path / TABLE)
+    assert rows(tables / TABLE)[: FEW + 1] == rows(other / TABLE)

@@ -24,7 +24,6 @@ PASSED = IdentificationVerdict("pass", ())
 
 @pytest.fixture(scope="module")
 def after(evaluation: Evaluation) -> ValidationResult:
-    assert evaluation.after is not None
     return evaluation.after
 
 
@@ -44,7 +43,6 @@ def judged(
 def far_off(found: ValidationResult, error_mm: float) -> ValidationResult:
     """The same with every distance off by so much."""
     test = found.distances
-    assert test is not None
     return replace(found, distances=replace(test, commanded_mm=test.measured_mm + error_mm))
 
 
@@ -55,9 +53,7 @@ def decision_on(found: CampaignVerdict, name: str) -> str | None:
 @pytest.mark.parametrize(
     ("share", "decision"), [(None, "pass"), (1e-3, "fail"), (1.0, "not decided")]
 )
-def test_all_limits_decide_together(
-    after: ValidationResult, share: float | None, decision: str
-) -> None:
+def test_all_limits_decide_together(after, share, decision) -> None:
     """One of them is a share of what was measured; the others are wide."""
     limits = WIDE
     if share is not None:
@@ -69,9 +65,7 @@ def test_all_limits_decide_together(
     assert found.decision == decision
 
 
-def test_where_only_a_limit_lacks_the_answer_is_that_none_was_asked_for(
-    after: ValidationResult,
-) -> None:
+def test_where_only_a_limit_is_missing_the_answer_is_that_none_is_specified(after) -> None:
     found = judged(after, AcceptanceConfig(), gained="Gained: much.")
     assert found.decision == NO_LIMIT
     assert {r.decision for r in found.requirements} == {None}
@@ -90,19 +84,14 @@ def test_where_only_a_limit_lacks_the_answer_is_that_none_was_asked_for(
         (PASSED, (Check("the limits", holds=False, detail="", decides=False),), NO_LIMIT),
     ],
 )
-def test_what_else_leaves_it_open_is_not_hidden_by_a_limit_not_asked_for(
-    after: ValidationResult,
-    identification: IdentificationVerdict | None,
-    checks: tuple[Check, ...],
-    answer: str,
+def test_what_else_leaves_it_open_is_not_hidden_by_a_missing_limit(
+    after, identification, checks, answer
 ) -> None:
     found = judged(after, AcceptanceConfig(), *checks, identification=identification)
     assert found.decision == answer
 
 
-def test_an_accepted_doubt_stands_among_the_reasons_and_broken_files_take_a_pass_away(
-    after: ValidationResult,
-) -> None:
+def test_an_accepted_finding_is_among_the_reasons_and_broken_files_take_a_pass_away(after) -> None:
     accepted = IdentificationVerdict("pass", (), ("all lengths are longer",))
     found = judged(after, WIDE, identification=accepted)
     assert found.decision == "pass"
@@ -124,7 +113,6 @@ def test_distances_that_became_worse_fail_beyond_their_uncertainty(after: Valida
     assert judged(worse, WIDE, before=far_off(after, 0.6)).decision == "pass"
     worse = far_off(after, 0.5)
     mean = worse.comparable_figures()["distances, mean error"]
-    assert mean is not None
     expanded_mm = 2.0**0.5 * mean.expanded_uncertainty_mm
     for share, decision in ((0.99, "pass"), (1.01, "fail")):
         before = far_off(after, 0.5 - share * expanded_mm)
@@ -133,7 +121,6 @@ def test_distances_that_became_worse_fail_beyond_their_uncertainty(after: Valida
 
 def test_a_campaigns_verdict_rests_on_its_own_identification(evaluation: Evaluation) -> None:
     evidence = evaluation.evidence
-    assert evidence.identification is not None
     assert "The identification passed" in evaluation.verdict.reasons[0]
     failed = replace(evidence.identification, verdict="fail", reasons=("why",))
     verdict = Evaluation(replace(evidence, identification=failed)).verdict

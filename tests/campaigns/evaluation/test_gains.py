@@ -10,13 +10,13 @@ from par4_space import with_values
 
 from app.report.tables import key_figure_rows
 from campaigns.evaluation.summary import BeforeAfter, Spread
-from campaigns.evaluation.validation import MeasuredLength, ValidationResult
+from campaigns.evaluation.validation import MeasuredLength
 from campaigns.evaluation.verdict import Gain, gained_in_words
 from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.validation import record_validation
 
-TOLD = BeforeAfter(Spread(3.0, 3.0, 9.0), Spread(0.3, 0.3, 0.9))
+BY_MODEL = BeforeAfter(Spread(3.0, 3.0, 9.0), Spread(0.3, 0.3, 0.9))
 
 
 def gain(before_mm: float, after_mm: float) -> Gain:
@@ -34,35 +34,23 @@ def test_a_difference_within_its_uncertainty_is_no_change(after_mm: float, shown
     assert ("no change shown" in found.in_words()) is not shown
 
 
-def test_what_was_measured_once_shows_nothing_and_the_gain_is_told_by_the_robot_or_the_model() -> (
-    None
-):
-    found = Gain("rotation", None, MeasuredLength(1.0, 0.1))
-    assert (found.shown, found.expanded_uncertainty_mm) == (None, None)
-    assert found.in_words() == "rotation 1.000 mm"
-    told = gained_in_words((gain(2.0, 0.5),), TOLD)
-    assert told == "Measured before and after: rotation 2.000 → 0.500 mm."
-    by_model = gained_in_words((Gain("rotation", None, MeasuredLength(1.0, 0.1)),), TOLD)
+def test_without_a_measurement_before_the_gain_is_that_of_the_model() -> None:
+    measured_once = Gain("rotation", None, MeasuredLength(1.0, 0.1))
+    assert (measured_once.shown, measured_once.expanded_uncertainty_mm) == (None, None)
+    assert measured_once.in_words() == "rotation 1.000 mm"
+    by_robot = gained_in_words((gain(2.0, 0.5),), BY_MODEL)
+    assert by_robot == "Measured before and after: rotation 2.000 → 0.500 mm."
+    by_model = gained_in_words((measured_once,), BY_MODEL)
     assert by_model.startswith("By the model, not yet by the commanded robot")
     assert "3.000 → 0.300 mm" in by_model
     assert gained_in_words((), None) == ""
 
 
-def stages(paper: PaperCampaign) -> tuple[ValidationResult, ValidationResult]:
-    found = evaluate(paper.campaign)
-    assert found.before is not None
-    assert found.after is not None
-    return found.before, found.after
-
-
 def test_the_robots_scatter_is_in_the_uncertainty_of_a_comparison(whole: PaperCampaign) -> None:
-    _, after = stages(whole)
-    assert after.repeatability is not None
+    after = evaluate(whole.campaign).after
     away = after.repeatability.away_mm
     scatter_mm = np.sqrt(np.sum(away**2) / (3 * (len(away) - 1)))
     plain, compared = after.figures()["rotation"], after.comparable_figures()["rotation"]
-    assert plain is not None
-    assert compared is not None
     assert compared.value_mm == plain.value_mm
     together = np.hypot(plain.standard_uncertainty_mm, np.sqrt(2.0) * scatter_mm)
     assert compared.standard_uncertainty_mm == pytest.approx(together)

@@ -337,6 +337,28 @@ def test_ap_and_rp_are_those_of_the_standard_worked_by_hand() -> None:
     assert (p2["ap_mm"], p2["ap_z_mm"]) == pytest.approx((0.1, 0.1))
 
 
+def test_ap_has_the_scatter_of_the_mean_and_the_instrument_in_its_uncertainty() -> None:
+    shift = np.array([4.0, 0.0, 0.0])
+    cross = np.vstack([np.eye(3), -np.eye(3)]) + shift  # along x: 5, 3 and four times 4
+    poses, covariance = np.zeros((6, 4)), np.tile(0.3**2 * np.eye(3), (6, 1, 1))
+    poses[:, 1] = 3.0
+    accuracy = repeatability_test(poses, cross, covariance, in_base=True).accuracy
+    assert accuracy.value_mm == pytest.approx(5.0)
+    poses[:, 1] = 0.0
+    accuracy = repeatability_test(poses, cross, covariance, in_base=True).accuracy
+    of_mean = np.sqrt(2.0 / 5.0 / 6.0)
+    assert accuracy.standard_uncertainty_mm == pytest.approx(np.hypot(of_mean, 0.3))
+
+
+def test_the_uncertainty_of_rp_is_what_other_samples_scatter() -> None:
+    rng = np.random.default_rng(1)
+    samples = [measured(rng.normal(size=(28, 3))) for _ in range(400)]
+    figures = [repeatability_test(*sample, in_base=True).rp for sample in samples]
+    scatter = np.std([rp.value_mm for rp in figures])
+    stated = np.mean([rp.standard_uncertainty_mm for rp in figures])
+    assert stated == pytest.approx(scatter, rel=0.2)
+
+
 def test_poses_as_encoders_read_them_are_told_apart_and_alone_fix_the_frame() -> None:
     alone = validated(cube_shots(off_mm=0.05))
     assert [len(each.points_mm) for each in alone.cube] == [4] * 5
