@@ -21,21 +21,21 @@ from campaigns.journal.records import Outcome
 
 BACKUP = "bring campaign.db back from a backup"
 COPY = "campaign-rescued-1.db"
-COMMANDS = (
-    ["check-journal"],
-    ["report"],
-    ["export"],
-    ["export", "--format", "shots"],
-    ["identify"],
-    ["run", "--yes"],
-)
+COMMANDS = (["check-journal"], ["report"], ["identify"], ["run", "--yes"])
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> PaperCampaign:
+    paper = new_campaign(tmp_path_factory.mktemp("measured") / "paper")
+    paper.run(pairs=6, unseen=0)
+    return paper
 
 
 @pytest.fixture
-def paper(tmp_path: Path) -> PaperCampaign:
-    paper = new_campaign(tmp_path / "paper")
-    paper.run(pairs=6, unseen=0)
-    return paper
+def paper(measured: PaperCampaign, tmp_path: Path) -> PaperCampaign:
+    """A copy of the measured campaign, to be damaged."""
+    folder = Path(shutil.copytree(measured.folder, tmp_path / "paper"))
+    return replace(measured, folder=folder, campaign=open_campaign(folder))
 
 
 @pytest.fixture
@@ -185,8 +185,9 @@ def crashed(paper: PaperCampaign, tmp_path: Path) -> Iterator[Path]:
         yield died
 
 
-@pytest.mark.parametrize("share", [0.002, 0.3, 0.7])
-@pytest.mark.parametrize("command", ["check-journal", "report"])
+@pytest.mark.parametrize(
+    ("command", "share"), [("check-journal", 0.002), ("check-journal", 0.3), ("report", 0.7)]
+)
 def test_file_that_was_cut_is_exit_code_4_and_left_as_it_is(
     crashed: Path, command: str, share: float, pkmcal: CommandLine
 ) -> None:
@@ -210,7 +211,7 @@ def test_rescued_records_are_told_of_by_every_command_until_campaign_db_has_them
         delete(path)
         with pytest.raises(JournalFailed, match="deleted"):
             journal.append(outcome(99), series=1)
-    for command in ("run", "plan", "identify", "report", "check-journal"):
+    for command in ("run", "plan", "report"):
         refused = pkmcal(command, paper.folder)
         assert refused.code == 4
         assert f"{COPY}: a rescued journal with {records} records" in refused.error_line

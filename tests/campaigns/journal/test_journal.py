@@ -79,25 +79,6 @@ def test_of_a_commit_that_fails_nothing_is_left_and_the_journal_goes_on(
     assert [shot.outcome for shot in journal.shots(run)] == [outcome(1)]
 
 
-def test_records_come_back_equal_in_order_and_stamped(journal: Journal, run: int) -> None:
-    told: tuple[Record, ...] = (
-        SESSION,
-        intent(1),
-        outcome(1),
-        intent(2),
-        Rejected(2, 1, "gate", outcome(2)),
-        PairVoided(1, (1, 2), "gate"),
-        Event("beam broken", "at 2.5 m"),
-        SeriesFinished(),
-        STOPPED,
-    )
-    appended(journal, run, *told)
-    entries = journal.records(run)
-    assert tuple(entry.record for entry in entries[1:]) == told
-    assert [entry.number for entry in entries] == list(range(1, 11))
-    assert [entry.at_utc[-3:] for entry in entries] == [f"{second:02d}Z" for second in range(10)]
-
-
 def test_a_reopened_journal_goes_on_where_it_was(path: Path) -> None:
     with open_journal(path, now_utc=ticking()) as journal:
         tell(journal)
@@ -143,13 +124,6 @@ def test_shots_of_another_series_do_not_count(journal: Journal, run: int) -> Non
     appended(journal, other, intent(1), imported(1), PairVoided(1, (1,), "other"))
     assert [shot.outcome for shot in journal.shots(run)] == [outcome(1)]
     assert journal.shots(other) == ()
-
-
-def test_a_session_without_stop_is_counted_in_its_series(journal: Journal, run: int) -> None:
-    appended(journal, run, SESSION, STOPPED, SESSION)
-    other = journal.start_series(beginning("after"))
-    appended(journal, other, SESSION, STOPPED)
-    assert [(each.sessions, each.unstopped) for each in journal.series()] == [(2, 1), (1, 0)]
 
 
 @pytest.mark.parametrize(

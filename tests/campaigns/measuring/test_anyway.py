@@ -27,15 +27,6 @@ def test_run_goes_on_anyway_with_a_moved_stand_and_says_so_in_the_journal(tmp_pa
     assert text in cell.observer.events
 
 
-def test_run_goes_on_anyway_where_only_one_pose_can_be_compared(tmp_path: Path) -> None:
-    interrupted(tmp_path, 3)
-    cell = FakeCell()
-    cell.tracker.shifted_mm[0] = 1.5
-    journal = cell.run(tmp_path, work(override=True))
-    assert len(texts(journal, "gone on anyway")) == 1
-    assert len(journal.shots(1)) == len(TWO_PAIRS)
-
-
 def test_poses_are_compared_at_the_end_of_a_run_that_nothing_interrupted(tmp_path: Path) -> None:
     cell = FakeCell()
     journal = cell.run(tmp_path, work(FOUR_PAIRS, compared_at_end=True))

@@ -75,24 +75,17 @@ def assert_stopped_in_order(cell: FakeCell, journal: TestedJournal, how: str) ->
     assert (stopped.how, stopped.reason) == (how, rejected.reason)
 
 
-@pytest.mark.parametrize("trouble", MOVING)
-def test_trouble_while_moving_stops_the_robot(tmp_path: Path, trouble: str) -> None:
-    break_it, error, text = MOVING[trouble]
-    cell = FakeCell()
-    cell.robot.during_move = {2: lambda: break_it(cell)}
-    with journal_in(tmp_path, cell.calls) as journal:
-        with pytest.raises(error, match=text):
-            cell.measure(journal, work())
-        assert_stopped_in_order(cell, journal, "aborted")
-
-
-@pytest.mark.parametrize("trouble", MEASURING)
-def test_trouble_while_measuring_stops_the_robot_and_drops_the_shot(
-    tmp_path: Path, trouble: str
+@pytest.mark.parametrize(
+    ("moment", "trouble"),
+    [*(("moving", name) for name in MOVING), *(("measuring", name) for name in MEASURING)],
+)
+def test_trouble_stops_the_robot_and_drops_the_shot(
+    tmp_path: Path, moment: str, trouble: str
 ) -> None:
-    break_it, error, text = MEASURING[trouble]
+    break_it, error, text = (MOVING if moment == "moving" else MEASURING)[trouble]
     cell = FakeCell()
-    cell.tracker.during_measure = {2: lambda: break_it(cell)}
+    acts = cell.robot.during_move if moment == "moving" else cell.tracker.during_measure
+    acts[2] = lambda: break_it(cell)
     with journal_in(tmp_path, cell.calls) as journal:
         with pytest.raises(error, match=text):
             cell.measure(journal, work())
@@ -198,24 +191,6 @@ def test_ctrl_c_before_the_first_motion_lets_nothing_move(tmp_path: Path) -> Non
     with journal_in(tmp_path, cell.calls) as journal, pytest.raises(Interrupted):
         cell.measure(journal, work())
     assert not cell.named("robot.move_joints")
-
-
-def test_ctrl_c_while_the_tracker_looks_for_its_reflector_stops_the_robot(tmp_path: Path) -> None:
-    cell = FakeCell()
-
-    def break_beam_and_ask_soon() -> None:
-        cell.tracker.break_beam()
-        cell.clock.after(0.5 + 0.5, cell.wish.ask)
-
-    cell.tracker.during_measure = {1: break_beam_and_ask_soon}
-    with journal_in(tmp_path, cell.calls) as journal, pytest.raises(errors.Cancelled):
-        cell.measure(journal, work())
-    assert cell.calls[-3:] == [
-        ("tracker.find_reflector", 2500.0),
-        ("robot.stop",),
-        ("journal.session-stopped",),
-    ]
-    assert cell.observer.told[-2].state is EngineState.SUSPENDED
 
 
 RECORDS_OF_EACH_KIND = (3, 4, 5, 13, 14, 15)

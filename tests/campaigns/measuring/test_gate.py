@@ -94,9 +94,7 @@ def test_forgotten_shot_is_as_if_it_had_never_been() -> None:
     assert spoilt.judge(outcome(NEXT)) == gate_after(5).judge(outcome(NEXT))
 
 
-@pytest.mark.parametrize(
-    ("count", "wrong", "off_mm"), [(2, 0, 400.0), (6, 1, 400.0), (11, 4, 100.0)]
-)
+@pytest.mark.parametrize(("count", "wrong", "off_mm"), [(2, 0, 400.0), (11, 4, 100.0)])
 def test_the_wrong_one_among_the_first_shots_is_the_suspect(
     count: int, wrong: int, off_mm: float
 ) -> None:

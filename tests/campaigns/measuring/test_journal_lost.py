@@ -60,13 +60,3 @@ def test_harm_after_the_last_record_claims_nothing_either(
     with journal_in(tmp_path, cell.calls) as journal, pytest.raises(JournalFailed):
         cell.measure(journal, work())
     assert cell.named("journal.session-stopped")
-
-
-def test_a_run_goes_on_with_the_journal_that_was_rescued(tmp_path: Path) -> None:
-    path = tmp_path / "campaign.db"
-    stopped_by("delete_all", tmp_path, move=4)
-    (tmp_path / "campaign-rescued-1.db").rename(path)
-    cell = FakeCell()
-    journal = cell.run(tmp_path, work())
-    assert [shot.intent.shot for shot in journal.shots()] == list(range(6))
-    assert ("journal.intent", 0, 1) not in cell.calls, "what was measured is kept"

@@ -49,13 +49,6 @@ def measure(cell: FakeCell, folder: Path) -> None:
     cell.run(folder, fenced_work())
 
 
-def test_without_a_space_the_same_plan_passes_through(paths, tmp_path: Path) -> None:
-    """So that the tests below could fail."""
-    cell = FakeCell()
-    cell.run(tmp_path, work(FOUR_PAIRS))
-    assert least_mm(paths) < -10.0
-
-
 @pytest.mark.slow
 def test_a_run_keeps_to_the_space_and_starts_from_no_place_that_the_centre_does_not_see(
     paths, tmp_path: Path

@@ -16,7 +16,6 @@ from campaigns.measuring.session import measure_series
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import with_nests
 from campaigns.settings.sections import KnownLengthConfig, NestConfig
-from campaigns.shots.shot_sets import ShotSet
 from drivers import values
 
 PLACES = {"A": (900.0, 300.0, -200.0), "B": (1900.0, 300.0, -200.0), "C": (900.0, -700.0, 400.0)}
@@ -80,6 +79,7 @@ def test_beam_goes_to_each_nest_and_back_and_the_robot_stays(tmp_path: Path) -> 
     for shot in shots:
         at_mm = shot.outcome.point_in_tracker_mm
         assert (at_mm == PLACES.get(shot.intent.nest)) is bool(shot.intent.nest)
+        assert not (shot.intent.nest and shot.outcome.predicted_in_tracker_mm)
         assert shot.outcome.joints
     kinds = [e.record.text for e in told.records_of(Event) if e.record.kind == "drift check"]
     assert sum("nest B is 0.000 mm from where it was first" in text for text in kinds) == 2
@@ -165,10 +165,3 @@ def test_nest_that_is_elsewhere_is_told(tmp_path: Path) -> None:
     }
     cell.run(tmp_path, work_at())
     assert [text for text in cell.observer.events if "nest A is 1.500 mm" in text]
-
-
-def test_nest_teaches_the_gate_nothing(tmp_path: Path) -> None:
-    told = cell_of_nests().run(tmp_path, work_at())
-    nests = [shot for shot in told.shots() if shot.intent.purpose == ShotSet.NEST.value]
-    assert nests
-    assert all(shot.outcome.predicted_in_tracker_mm is None for shot in nests)

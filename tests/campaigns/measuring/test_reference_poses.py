@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 from fake_cell import NOMINAL, ROBOT, TRACKER_FROM_BASE, FakeCell
 from par4_space import par4
-from small_plans import FOUR_PAIRS, drift, interrupted, planned, work
+from small_plans import FOUR_PAIRS, interrupted, work
 from tested_journal import journal_in
 
 from campaigns.errors import GateRefused
 from campaigns.fit.rigid_transforms import from_paper_angles
 from campaigns.fit.tracker_noise import TrackerUncertainty
-from campaigns.journal.records import Event, Outcome
+from campaigns.journal.records import Outcome
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.measuring.reference_poses import ReferenceNoise, reference_poses, rigid_body_test
 from campaigns.planning.steps import joint_steps
-from campaigns.shots.shot_sets import ShotSet
 
 STD_MM = 0.015
 STEPS = joint_steps(FOUR_PAIRS)
@@ -127,34 +126,11 @@ def test_moved_farther_than_the_limit_and_scatter_of_few_shots_allow() -> None:
     assert not compared(outcomes(rng), now, worse)
 
 
-def interrupted_then(folder: Path, cell: FakeCell, shots=FOUR_PAIRS, move: int = 8):
-    """A session that was stopped at a move, and another cell for the next."""
-    interrupted(folder, move, shots)
-    return journal_in(folder, cell.calls)
-
-
-def told(journal) -> list[str]:
-    texts = [e.record.text for e in journal.records_of(Event) if e.record.kind == "drift check"]
-    return [text for text in texts if "reference poses differ" in text]
-
-
-def test_unmoved_cell_goes_on_and_says_so_after_the_restart_and_at_the_end(tmp_path: Path) -> None:
-    cell = FakeCell()
-    with interrupted_then(tmp_path, cell) as journal:
-        series = cell.measure(journal, work(FOUR_PAIRS, override=True))
-        assert len(journal.shots(series)) == len(FOUR_PAIRS)
-        after, end = told(journal)
-        assert {shot.outcome.attempt for shot in journal.shots(series)} == {1, 2}
-    assert after.startswith("after the restart reference poses differ by up to 0.000 mm")
-    assert end.startswith("at the end reference poses differ by up to 0.000 mm")
-    assert end.endswith("no change detected")
-    assert cell.observer.events == [], "and nothing of having gone on anyway"
-
-
 def test_stand_that_was_bumped_ends_the_run_before_anything_is_measured(tmp_path: Path) -> None:
     cell = FakeCell()
     cell.tracker.shifted_mm[:] = (0.6, 0.6, 0.6)
-    with interrupted_then(tmp_path, cell) as journal:
+    interrupted(tmp_path, 8, FOUR_PAIRS)
+    with journal_in(tmp_path, cell.calls) as journal:
         kept = [shot.outcome for shot in journal.shots(1)]
         with pytest.raises(GateRefused, match="the tracker, its stand or the robot's base") as said:
             cell.measure(journal, work(FOUR_PAIRS))
@@ -164,15 +140,3 @@ def test_stand_that_was_bumped_ends_the_run_before_anything_is_measured(tmp_path
     assert "--anew" in said.value.remedy
     assert "--force" in said.value.remedy
     assert len(cell.named("robot.stop")) == 1
-
-
-def test_series_of_few_shots_or_at_one_place_compares_one_pose(tmp_path: Path) -> None:
-    near = [
-        drift(0),
-        *(planned(n, ShotSet.ROTATION, None, 0.0, 0.0, -575.0, 0.1 * n) for n in range(1, 6)),
-    ]
-    cell = FakeCell()
-    with interrupted_then(tmp_path, cell, near, move=5) as journal:
-        cell.measure(journal, work(near))
-        assert not told(journal)
-    assert cell.named("journal.intent")[0] == ("journal.intent", 0, 2)

@@ -18,7 +18,7 @@ PLAN = (
 SOON_S = 200.0
 
 
-@pytest.mark.parametrize(("measured", "searches"), [(1, True), (3, False), (6, True), (9, False)])
+@pytest.mark.parametrize(("measured", "searches"), [(1, True), (6, True), (9, False)])
 def test_it_is_named_soon_and_waited_for_no_longer(
     tmp_path: Path, measured: int, searches: bool
 ) -> None:
@@ -32,22 +32,23 @@ def test_it_is_named_soon_and_waited_for_no_longer(
     assert cell.clock.now_s() < SOON_S
 
 
-def test_beam_is_waited_for_no_longer_than_ten_minutes_with_nobody_there(tmp_path: Path) -> None:
-    cell = FakeCell()
+def test_beam_is_waited_for_no_longer_than_the_cell_says_with_nobody_there(tmp_path: Path) -> None:
+    cell = FakeCell(beam_wait_s=90.0)
     cell.tracker.during_measure[7] = cell.tracker.hide_reflector
     cell.clock.after(3000.0, cell.wish.ask)
     with pytest.raises(GateRefused, match="no reflector found, or the robot does not move"):
         cell.run(tmp_path, work(PLAN))
-    assert cell.clock.now_s() < 800.0
+    assert 90.0 < cell.clock.now_s() < SOON_S
 
 
 def test_beam_is_waited_for_as_long_as_it_takes_with_an_operator_there(tmp_path: Path) -> None:
     cell = FakeCell(beam_wait_s=math.inf)
     cell.tracker.during_measure[7] = cell.tracker.hide_reflector
-    cell.clock.after(800.0, cell.wish.ask)
+    cell.clock.after(SOON_S, cell.wish.ask)
     with pytest.raises((Interrupted, Cancelled)):
         cell.run(tmp_path, work(PLAN))
-    assert cell.clock.now_s() >= 800.0
+    assert cell.clock.now_s() >= SOON_S
+    assert cell.calls[-2:] == [("robot.stop",), ("journal.session-stopped",)]
 
 
 def test_somebody_in_the_beam_is_waited_for_although_the_robot_was_measured_before(
@@ -57,11 +58,11 @@ def test_somebody_in_the_beam_is_waited_for_although_the_robot_was_measured_befo
 
     def step_in() -> None:
         cell.tracker.hide_reflector()
-        cell.clock.after(1.25 * SOON_S, step_out)
+        cell.clock.after(0.5 * SOON_S, step_out)
 
     def step_out() -> None:
         cell.tracker.finds = True
 
     cell.tracker.during_measure[7] = step_in
     assert len(cell.run(tmp_path, work(PLAN)).shots()) == len(PLAN)
-    assert cell.clock.now_s() > 1.25 * SOON_S
+    assert cell.clock.now_s() > 0.5 * SOON_S

@@ -140,14 +140,6 @@ def test_finished_series_of_the_same_plan_leaves_nothing_to_do(tmp_path: Path) -
         assert complete_series(journal, work(stage="before")) is None
 
 
-def test_stages_are_series_of_their_own(tmp_path: Path) -> None:
-    interrupted(tmp_path, 4)
-    cell = FakeCell()
-    journal = cell.run(tmp_path, work(stage="before"))
-    assert not journal.latest_series("run").finished
-    assert journal.latest_series("before").number == 2
-
-
 def refused(folder: Path, cell: FakeCell, **changes: object) -> str:
     with journal_in(folder, cell.calls) as journal:
         records = journal.last_number()

@@ -26,11 +26,6 @@ def monitor(shots=PLAN) -> UncertaintyMonitor:
     return UncertaintyMonitor(shots, RobotModel(NOMINAL, LIMITS, CENTRE), OPTIONS)
 
 
-def test_numbers_are_told_in_ranges() -> None:
-    assert stopping_rule.in_ranges([1, 2, 3, 7, 9, 10]) == "1–3, 7, 9–10"
-    assert stopping_rule.in_ranges([]) == ""
-
-
 def test_a_plan_predicts_how_surely_its_shots_will_give_positions() -> None:
     whole = monitor().predicted(TRACKER_MM)
     half = monitor().predicted(TRACKER_MM, SHOTS // 2)

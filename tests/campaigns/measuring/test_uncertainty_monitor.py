@@ -44,7 +44,7 @@ def fitted(measured: Sequence[Outcome], *fix: str) -> PositionUncertainty | None
 
 def test_what_is_known_is_what_identify_states_of_the_same_shots() -> None:
     measured = outcomes()
-    for count in (6, 12, len(SHOTS)):
+    for count in (6, len(SHOTS)):
         known = fitted(measured[:count])
         assert known.shots == count
         assert known.position_std_mm == pytest.approx(mean_std_of(measured[:count]), rel=1e-3)

@@ -11,7 +11,7 @@ from test_set_aside import blind_at, skips
 from campaigns.errors import Interrupted
 from campaigns.journal.records import Event, PairVoided, Rejected
 from campaigns.measuring.run_state import EngineState, Wish
-from drivers.errors import BeamBroken, EmergencyStop, NoReflector, NotAMeasurement
+from drivers.errors import EmergencyStop, NotAMeasurement
 from drivers.values import Measurement
 
 PAUSED_S = 30.0
@@ -144,31 +144,6 @@ def test_a_shot_that_is_about_to_be_tried_again_is_skipped(tmp_path: Path) -> No
     journal = cell.run(tmp_path, work(FOUR_PAIRS))
     assert [event.shots for event in skips(journal)] == [(3, 4)]
     assert [len(journal.records_of(kind)) for kind in (Rejected, PairVoided)] == [1, 0]
-
-
-def test_a_wish_to_skip_while_it_is_looked_back_is_about_the_shot_that_was_not_seen(
-    tmp_path: Path,
-) -> None:
-    cell, blind = FakeCell(), [True]
-    measure = cell.tracker.measure
-
-    def measured() -> Measurement:
-        if blind[0] and cell.tracker.measured == 3:
-            raise NoReflector("no reflector", remedy="look for it")
-        cell.tracker.beam_broken = False
-        return measure()
-
-    def search(*_where: object) -> None:
-        cell.tracker._wait(1.0)
-        if any(text.startswith("looking for") for text in cell.observer.events):
-            blind[0] = False
-            cell.wishes.ask(Wish.SKIP)
-        raise BeamBroken("no reflector found", remedy="look for it")
-
-    cell.tracker.measure, cell.tracker.go_to, cell.tracker.find_reflector = measured, search, search
-    journal = cell.run(tmp_path, work(FOUR_PAIRS))
-    assert [event.shots for event in skips(journal)] == [(3, 4)]
-    assert len(journal.shots()) == len(FOUR_PAIRS) - 2
 
 
 def test_a_comparison_that_is_skipped_is_told_and_the_run_ends_in_order(tmp_path: Path) -> None:
