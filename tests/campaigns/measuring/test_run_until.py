@@ -2,7 +2,6 @@
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -127,17 +126,6 @@ def test_what_was_left_out_is_measured_by_a_run_without_the_goal(ended_early: Pa
     assert intents[-4:] == references, "and once more at the end"
     assert set(intents[4:-4]) == ALL - before
     assert cell.observer.told[-1].total == len(ALL)
-
-
-def test_another_plan_begins_a_series_of_its_own(ended_early: Path) -> None:
-    cell = noisy_cell()
-    first, *rest = until(None).steps
-    moved = replace(first.planned, pose=replace(first.planned.pose, x_mm=1.0))
-    steps = (replace(first, planned=moved), *rest)
-    other = until(GOAL_MM, plan_digest="0" * 64, steps=steps)
-    with journal_in(ended_early, cell.calls) as journal:
-        assert complete_series(journal, other) is None
-        assert cell.measure(journal, other) == 2
 
 
 @pytest.mark.slow

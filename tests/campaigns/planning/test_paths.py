@@ -9,7 +9,6 @@ from par4_cases import CENTRE, LIMITS, NOMINAL, reachable_joints
 from small_plans import OPEN, joints_at
 
 from campaigns.kinematics.mechanism import Kinematics
-from campaigns.planning import paths
 from campaigns.planning.paths import SLACK_RAD, RobotModel
 from campaigns.robots.robot import find_robot
 
@@ -113,12 +112,3 @@ def test_bars_whose_turn_a_coordinated_move_leaves_far_behind_go_straight_in_sho
     way = model.safe_path(here, there)
     assert way is not None
     assert all(model.fault(one, other) is None for one, other in pairwise([here, *way]))
-
-
-def test_many_moves_are_judged_together_as_one_by_one(joints, monkeypatch):
-    monkeypatch.setattr(paths, "MOVES_AT_ONCE", 30)
-    one_by_one = [fault is None for fault in faults_between(joints)]
-    assert OPEN.are_safe(np.stack([joints[:-1], joints[1:]])).tolist() == one_by_one
-    assert 20 < sum(one_by_one) < 90
-    torn_apart = np.radians([[0.0] * 4, [90.0, -90.0, 90.0, -90.0]])
-    assert OPEN.are_safe(torn_apart[:, None]).tolist() == [False]

@@ -6,7 +6,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL
-from par4_space import SPACE
 from small_plans import FOUR_PAIRS, LIMITS, OPEN, PACE, VIEW, planned
 
 from campaigns.errors import PlanInvalid
@@ -68,19 +67,6 @@ def test_edited_joint_is_named_with_what_the_pose_takes() -> None:
     text = problem(with_shot(4, edited))
     expected = f"shot 4: q2_deg is {np.degrees(q2) + 0.05:.4f}, but its pose takes"
     assert text.startswith(expected)
-
-
-def test_joints_of_the_other_branch_are_refused_though_they_lead_to_the_same_pose() -> None:
-    """The inward elbow of arm 0: the same plate, other angles."""
-    shot = FOUR_PAIRS[4]
-    q0 = shot.joints[0]
-    places = SPACE.places(["arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg"])
-    *arm, azimuth_rad = NOMINAL.p[places]
-    along = np.array([np.cos(azimuth_rad), np.sin(azimuth_rad), 0.0])
-    d = np.array([shot.pose.x_mm, shot.pose.y_mm, shot.pose.z_mm]) - arm
-    inward = 2.0 * np.arctan2(-d[2], d @ along) - q0
-    mirrored = replace(shot, joints=(float(inward), *shot.joints[1:]))
-    assert problem(with_shot(4, mirrored)).startswith("shot 4: q0_deg")
 
 
 def test_reflector_turned_away_is_named_and_many_faults_counted() -> None:

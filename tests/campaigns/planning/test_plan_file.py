@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
 
-from campaigns.errors import PlanInvalid
+from campaigns.errors import PlanInvalid, WriteFailed
 from campaigns.kinematics.catalog import PAR4
 from campaigns.planning import plan_file
 from drivers.values import Pose
@@ -59,6 +59,25 @@ def test_written_file_begins_with_the_agreed_header(tmp_path):
     plan_file.write_plan(path, read(PLAN), PAR4)
     assert path.read_text().startswith(HEADER)
     assert plan_file.read_plan(path, PAR4) == read(PLAN)
+
+
+def test_older_plans_are_kept_and_the_last_one_stays_if_a_new_one_cannot_be_written(
+    tmp_path, monkeypatch
+):
+    path, plan = tmp_path / "plan.csv", read(PLAN)
+    for shots in (plan, plan[:3], plan[:1]):
+        plan_file.write_beside_older(path, shots, PAR4)
+    older = [tmp_path / f"plan-older-{number}.csv" for number in (1, 2)]
+    assert [plan_file.read_plan(file, PAR4) for file in older] == [plan, plan[:3]]
+
+    def write(path, shots, mechanism):
+        raise WriteFailed(f"{path}: no space", remedy="free some")
+
+    monkeypatch.setattr(plan_file, "write_plan", write)
+    with pytest.raises(WriteFailed):
+        plan_file.write_beside_older(path, plan, PAR4)
+    assert plan_file.read_plan(path, PAR4) == plan[:1]
+    assert sorted(tmp_path.iterdir()) == [*older, path]
 
 
 def test_missing_and_empty_plans_are_refused(tmp_path):

@@ -5,15 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fake_cell import CENTRE, NOMINAL, ROBOT
-from small_plans import LIMITS, PACE, VIEW, of
+from fake_cell import CENTRE, ROBOT
+from small_plans import VIEW, of
 
 from campaigns.errors import PlanInvalid
-from campaigns.kinematics.catalog import PAR4
 from campaigns.planning import plans
-from campaigns.planning.paths import RobotModel
-from campaigns.planning.plan_check import PlanLimits, check_plan
-from campaigns.planning.plan_file import PlannedShot, parse_plan, plan_digest, plan_text
+from campaigns.planning.plan_file import PlannedShot
 from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose, Vector3
 
@@ -69,17 +66,6 @@ def test_planned_joints_keep_off_their_limits(default_plan: tuple[PlannedShot, .
         joints = plans.joints_of(of(default_plan, purpose))
         assert joints.min() >= low + reserve - 1e-12
         assert joints.max() <= high - reserve + 1e-12
-
-
-@pytest.mark.slow
-def test_plan_passes_its_own_check_also_after_a_round_trip_through_its_file(
-    default_plan: tuple[PlannedShot, ...],
-) -> None:
-    read = parse_plan(plan_text(default_plan, PAR4), "plan.csv", PAR4)
-    assert plan_digest(read, PAR4) == plan_digest(default_plan, PAR4)
-    checked = check_plan(read, PlanLimits(RobotModel(NOMINAL, LIMITS, CENTRE), VIEW, PACE))
-    assert checked.shots == read
-    assert checked.seconds > 163 * 1.2
 
 
 def test_same_seed_gives_the_same_plan_also_without_validation_pairs() -> None:

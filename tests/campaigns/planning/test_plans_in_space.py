@@ -74,13 +74,8 @@ def plan():
 
 
 @pytest.mark.slow
-def test_every_pose_of_a_plan_keeps_off_all_walls_with_its_reserve(plan):
-    points = poses_of(plan)[:, :3]
-    assert SPACE.clearance_mm(points).min() >= SPACE_RESERVE_MM - 1e-6
-
-
-@pytest.mark.slow
-def test_poses_to_identify_from_lie_near_the_boundary_of_what_is_allowed(plan):
+def test_poses_keep_off_all_walls_and_identification_poses_lie_near_them(plan):
+    assert SPACE.clearance_mm(poses_of(plan)[:, :3]).min() >= SPACE_RESERVE_MM - 1e-6
     poses = np.array([(*s.pose.coordinates,) for s in plan if s.purpose is ShotSet.IDENTIFICATION])
     region = region_of(ROBOT, VIEW, MIDDLE, SPACE)
     assert region.allows(poses).all()
@@ -193,6 +188,7 @@ def test_moves_in_a_space_are_judged_together_as_one_by_one(monkeypatch):
     stops = NOMINAL.inverse(poses).values_or_raise()
     one_by_one = [FENCED.fault(here, there) for here, there in pairwise(stops)]
     monkeypatch.setattr(paths, "POINTS_AT_ONCE", 200)
+    monkeypatch.setattr(paths, "MOVES_AT_ONCE", 3)
     clear = [fault is None for fault in one_by_one]
     assert FENCED.are_safe(np.stack([stops[:-1], stops[1:]])).tolist() == clear
     assert 2 < sum(clear) < 9

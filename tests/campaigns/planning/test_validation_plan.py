@@ -162,11 +162,6 @@ def test_a_cube_is_as_large_as_said_and_the_workspace_must_hold_one() -> None:
         steps(only, ValidationConfig(cube_edge_mm=3000.0))
 
 
-def test_same_seed_gives_the_same_approaches() -> None:
-    first, same, other = (steps(frozenset({ShotSet.REPEATABILITY}), seed=s) for s in (1, 1, 2))
-    assert first == same != other
-
-
 def test_centre_out_of_reach_and_nothing_to_validate_are_refused() -> None:
     config = CONFIG.model_copy(update={"centre_mm": (0.0, 0.0, 100.0)})
     with pytest.raises(PlanInvalid, match="repeatability cannot be done"):

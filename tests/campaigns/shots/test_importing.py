@@ -11,6 +11,7 @@ from tested_journal import plain_journal
 
 from campaigns.errors import ShotsInvalid
 from campaigns.fit.tracker_noise import TrackerUncertainty
+from campaigns.planning.plans import poses_of
 from campaigns.shots.import_export import (
     ImportedFile,
     ImportedSeries,
@@ -50,13 +51,9 @@ def test_import_is_a_finished_series_with_every_row_in_its_order(tmp_path: Path)
     assert data.points_in_tracker_mm[:, 0].tolist() == [1001.0 + row for row in range(8)]
     assert data.joints == pytest.approx(np.array([row.joints for row in rows()]))
     assert np.isnan(data.stated_covariance_mm2).all()
-
-
-def test_nominal_pose_stands_for_the_unknown_commanded_one(tmp_path: Path) -> None:
-    _, shots = imported(tmp_path, rows())
-    for shot, planned in zip(shots, FOUR_PAIRS[1:-1], strict=True):
-        assert shot.intent.target.x_mm == pytest.approx(planned.pose.x_mm, abs=1e-6)
-        assert shot.intent.target.theta_rad == pytest.approx(planned.pose.theta_rad, abs=1e-9)
+    poses = poses_of(FOUR_PAIRS[1:-1])
+    assert data.commanded == pytest.approx(poses, abs=1e-6), "the nominal robot's at its joints"
+    assert imported_files(series.started) == ()
 
 
 def test_only_shots_without_a_covariance_get_the_instruments(tmp_path: Path) -> None:
@@ -158,11 +155,6 @@ def test_names_and_digests_of_the_files_are_kept_with_the_series(tmp_path: Path)
         started = journal.series("import")[0].started
     assert imported_files(started) == files
     assert started.configuration["name"] == "test"
-
-
-def test_an_import_of_older_software_names_no_file(tmp_path: Path) -> None:
-    series, _ = imported(tmp_path, rows())
-    assert imported_files(series.started) == ()
 
 
 def test_known_lengths_need_no_joints_and_come_back_out(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 import math
 
 import pytest
-from family_cases import VECTORS
 from refusals import refusal
 
 from campaigns.errors import ShotsInvalid
@@ -12,7 +11,6 @@ from campaigns.shots.joined_shots import join_shots
 from campaigns.shots.point_files import read_points
 from campaigns.shots.point_layout import PointFormat
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots_csv import read_shots
 
 POINTS = """\
 A Main p1 1.0 2.0 3.0
@@ -144,25 +142,3 @@ class TestComplaints:
         assert "joints.csv:1: unknown column 'q3' → write q3_deg, with the value in deg" in said
         assert "joints.csv: holds no joints" in complaint(joints=HEADER + "\n")
         assert "--unit mm|m|inch" in complaint(unit=None)
-
-    def test_missing_joints_file_is_named(self, tmp_path):
-        (tmp_path / "points.txt").write_text(POINTS)
-        points = read_points(tmp_path / "points.txt", PointFormat(unit="mm"))
-        with pytest.raises(ShotsInvalid, match="check the name of the joints file"):
-            join_shots(points, tmp_path / "gone.csv", PAR4, join="name")
-
-
-def test_reference_campaign_is_the_same_by_way_of_two_files(join):
-    """Its points in inches, scientific, with collection and group, and in another order."""
-    shots = read_shots(VECTORS / "table1-tracker-noise.csv", PAR4)
-    inches = [
-        " ".join(f"{value / 25.4:.15e}" for value in shot.point_in_tracker_mm) for shot in shots
-    ]
-    points = [f"C G p{number} {point}" for number, point in enumerate(inches)]
-    degrees = [",".join(repr(math.degrees(angle)) for angle in shot.joints) for shot in shots]
-    joints = [f"p{number},{angles}" for number, angles in enumerate(degrees)]
-    rows, _ = join("\n".join(points[::-1]), "\n".join([HEADER, *joints]), unit="inch")
-    for row, shot in zip(rows, shots, strict=True):
-        assert (row.pair, row.purpose) == (shot.pair, shot.purpose)
-        assert row.point_in_tracker_mm == pytest.approx(shot.point_in_tracker_mm, abs=1e-9)
-        assert row.joints == pytest.approx(shot.joints, abs=1e-12)

@@ -54,12 +54,6 @@ class TestForms:
         assert [point.name for point in points] == ["", ""]
         assert points[1].point_mm == (4.0, 5.0, 6.0)
 
-    @pytest.mark.parametrize("joint", [",", ", ", ";", "\t", "   "])
-    def test_any_separator_is_understood(self, joint):
-        text = SPATIAL_ANALYZER.replace(" ", joint) if joint != "   " else SPATIAL_ANALYZER
-        text = "\n".join(line for line in text.splitlines() if not line.startswith("//"))
-        assert found(text) == found(SPATIAL_ANALYZER)
-
     def test_blanks_quotes_and_scientific_numbers_are_read(self):
         text = "Group one, point 1, 1.0, 2.0, 3.0\nGroup one, point 2, 4.0, 5.0, 6.0\n"
         assert list(found(text)) == ["Group one::point 1", "Group one::point 2"]
@@ -79,10 +73,6 @@ class TestForms:
         path.write_bytes(text.encode())
         points = read_points(path, PointFormat(unit="mm")).points
         assert [point.where.rpartition(":")[2] for point in points] == ["2", "6"]
-
-    def test_notes_say_how_a_file_was_read(self):
-        assert "name, name, name, x, y, z by blanks, in mm" in notes(SPATIAL_ANALYZER)
-        assert "name, x, y, z by semicolons, in inch" in notes("p1;1;2;3\n", unit="inch")
 
 
 class TestColumnsThatAreTold:
@@ -117,10 +107,6 @@ class TestColumnsThatAreTold:
 
 
 class TestUnits:
-    @pytest.mark.parametrize(("unit", "mm"), [("mm", 1.0), ("m", 1000.0), ("inch", 25.4)])
-    def test_point_is_in_mm(self, unit, mm):
-        assert found("p1 1.0 2.0 4.0\n", unit=unit)["p1"] == (mm, 2.0 * mm, 4.0 * mm)
-
     def test_unit_that_nobody_tells_is_never_guessed(self):
         said = complaint(SPATIAL_ANALYZER, unit=None)
         assert said.endswith(
@@ -157,10 +143,6 @@ class TestComplaints:
     def test_what_is_no_number_is_no_coordinate(self, word):
         complaint(f"p1 1.0 2.0 3.0\np2 {word} 2.0 3.0\n")
 
-    def test_file_that_is_not_there_is_named(self, tmp_path):
-        with pytest.raises(ShotsInvalid, match=r"gone\.txt: there is no such file"):
-            read_points(tmp_path / "gone.txt", PointFormat(unit="mm"))
-
 
 class TestHeaders:
     @pytest.mark.parametrize(
@@ -169,11 +151,9 @@ class TestHeaders:
             ("sep=;\nName;X;Y;Z", "p1;1;2;3"),
             ("No.\tName\tX\tY\tZ", "7\tp1\t1\t2\t3"),
             ('"name","x [mm]","y [mm]","z [mm]"', '"p1","1","2","3"'),
-            ("Report of 3 points\n\nName X Y Z", "p1 1 2 3"),
-            ("Name  X [mm]  Y [mm]  Z [mm]", "p1 1 2 3"),
+            ("Report of 3 points\n\nName  X [mm]  Y [mm]  Z [mm]", "p1 1 2 3"),
             ("Point Name,Y,X,Z,Comment", "p1,2,1,3,4"),
             ("Name;X;Y;Z\n;[mm];[mm];[mm]", "p1;1;2;3"),
-            ("X-Coordinate (mm);Y-Coordinate (mm);Z-Coordinate (mm);id", "1;2;3;p1"),
             ("Name,dX,dY,dZ,X,Y,Z", "p1,0.1,0.2,0.3,1,2,3"),
             ("exported by somebody", "p1 1 2 3"),
             ("Report 2026 11 27\nName;X;Y;Z", "p1;1;2;3"),
@@ -262,10 +242,6 @@ class TestHeaders:
         assert found(text, columns=("name", "-", "-", "-", "x", "y", "z"))["p1"] == (4.0, 5.0, 6.0)
         half = text.replace(" act", "")
         assert found(half, coordinates="actual")["p1"] == (4.0, 5.0, 6.0)
-
-    def test_more_values_than_columns_are_refused(self):
-        said = complaint("Name,X,Y,Z\np1,2,927.032,267.835,-425.832\n")
-        assert "points.txt:2: 5 values for 4 columns of the header" in said
 
     def test_uncertainties_become_covariances_and_times_are_read(self):
         head = "X [m],Y [m],Z [m],U(95) [mm],U(95) X [mm],U(95) Y [mm],U(95) Z [mm],Time Stamp\n"

@@ -40,16 +40,11 @@ answer_to = partial(refusal_if_any, ShotsInvalid, read)
 complaint = partial(refusal, ShotsInvalid, read, begins="shots.csv:")
 
 
-@pytest.mark.parametrize("name", ["table1-exact", "table1-tracker-noise", "table2-repeatability"])
-def test_reference_files_hold_sixty_pairs(name):
-    shots = read_shots(VECTORS / f"{name}.csv", PAR4)
-    assert len(shots) == 120
+def test_reference_file_is_read_as_its_digits_say():
+    shots = read_shots(VECTORS / "table1-exact.csv", PAR4)
     assert [shot.pair for shot in shots] == [pair for pair in range(60) for _ in range(2)]
     assert {shot.purpose for shot in shots} == {ShotSet.IDENTIFICATION}
-
-
-def test_reference_file_is_read_as_its_digits_say():
-    first = read_shots(VECTORS / "table1-exact.csv", PAR4)[0]
+    first = shots[0]
     assert first.joints[0] == math.radians(85.868164557)
     assert first.point_in_tracker_mm == (2352.471584, 438.343111, 427.748157)
 
@@ -72,12 +67,6 @@ def test_columns_may_stand_in_any_order_and_some_be_left_out():
     assert read(text)[0].pair is None
     text = HEADER.strip() + ",set\n0,1,2,3,4,2000,10,-300,\n0,1,2,3,4,2000,10,-300,\n"
     assert read(text)[0].purpose is ShotSet.IDENTIFICATION
-
-
-def test_an_empty_file_is_refused_and_covariances_come_all_or_none():
-    assert "holds no shots" in complaint(HEADER)
-    without_szz = "\n".join(line.rsplit(",", 3)[0] for line in FULL.splitlines())
-    assert "covariance without szz → give all of sxx,sxy,sxz,syy,syz,szz" in complaint(without_szz)
 
 
 @pytest.mark.parametrize(
@@ -105,12 +94,6 @@ def test_broken_row_is_answered_with_its_line(old, new, line, words):
     [
         ("4e-4,", ",", "covariance without sxx"),
         ("4e-4", "0", "not positive definite"),
-        (
-            "validation,12.5",
-            "vaildation,12.5",
-            "unknown set 'vaildation' → did you mean validation",
-        ),
-        ("validation,12.5", "drift,12.5", "a shot for drift has no pair"),
         ("validation,12.5", "identification,12.5", "half identification, half validation"),
         (",12.5,", ",twelve,", "theta_deg is 'twelve', must be a number"),
         ("21.5", "warm", "temperature_degC is 'warm', must be a number"),

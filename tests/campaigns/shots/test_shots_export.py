@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import pytest
+
 from campaigns.journal.journal import open_journal
 from campaigns.journal.records import Intent, Outcome, SeriesStarted
 from campaigns.journal.views import AcceptedShot, Series
@@ -9,6 +11,7 @@ from campaigns.kinematics.catalog import PAR4
 from campaigns.robots.robot import find_robot
 from campaigns.shots.import_export import ImportedSeries, append_import, exported_shots
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import read_note
 from campaigns.shots.shots_csv import ShotRow
 from drivers.values import Pose, Weather
 
@@ -27,6 +30,19 @@ def shot(number, pair, purpose="identification", **changes):
     joints, point_mm = (0.1, 0.2, 0.3, 0.4), (2000.0 + number, 10.0, -300.0)
     outcome = Outcome(number, 1, joints, point_mm, COVARIANCE, AIR, "", "", None)
     return AcceptedShot(intent, replace(outcome, **changes), MEASURED)
+
+
+@pytest.mark.parametrize(
+    ("note", "words"),
+    [
+        ("imported", (None, None)),
+        ("imported, measured 2025-01-01", (None, "2025-01-01")),  # as older journals have it
+        ("imported, air 21.4 °C, measured noon, air 20 °C", (21.4, "noon, air 20 °C")),
+        ("00000010 41.5", (None, None)),
+    ],
+)
+def test_air_and_time_of_an_import_are_read_from_its_note(note, words):
+    assert read_note(note) == words
 
 
 def test_row_says_what_the_journal_says():
