@@ -71,15 +71,3 @@ def test_only_yes_is_yes(capsys, monkeypatch, typed, is_yes):
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err == "Sure? [y/N] "
-
-
-@pytest.mark.parametrize("variables", [{}, {"FORCE_COLOR": "1"}], ids=["plain", "with styles"])
-def test_words_between_colons_stay_as_they_are(capsys, monkeypatch, variables):
-    for name in ("FORCE_COLOR", "TTY_COMPATIBLE"):
-        monkeypatch.delenv(name, raising=False)
-    for name, value in variables.items():
-        monkeypatch.setenv(name, value)
-    Terminal(as_json=False).say("tcp:key:5020", "bold")
-    shown = capsys.readouterr().out
-    assert "tcp:key:5020" in shown
-    assert ("\x1b[" in shown) is bool(variables)

@@ -1,7 +1,6 @@
 """`pkmcal correct`: targets of files, and what is refused."""
 
 import csv
-import json
 import shutil
 
 import numpy as np
@@ -31,11 +30,13 @@ def poses(tmp_path):
 
 
 def test_poses_with_what_to_command_beside_them(correct, poses, folder):
-    code, out, err = correct("--poses", poses)
-    assert code == 0
-    assert err == f"next: pkmcal report {folder}\n"
-    written = poses.with_name("targets-corrected.csv")
-    assert f"written: {written}" in out
+    ended = correct("--poses", poses, "--json")
+    assert ended.code == 0
+    document, written = ended.document, poses.with_name("targets-corrected.csv")
+    assert (document["path"], document["poses"]) == (str(written), 2)
+    assert document["next"] == f"pkmcal report {folder}"
+    assert 0.1 < document["correction_mm"]["mean"] <= document["correction_mm"]["max"] < 10.0
+    assert 0.0 < document["position_std_mm"] < 0.02
     rows = list(csv.DictReader(written.read_text(encoding="utf-8").splitlines()))
     assert [row["name"] for row in rows] == ["pick", "place"]
     identified = read_robot(folder / "robot-compensated.yaml").robot.kinematics
@@ -54,23 +55,14 @@ def test_poses_with_what_to_command_beside_them(correct, poses, folder):
         assert float(row["correction_theta_deg"]) == pytest.approx(turned, abs=2e-6)
 
 
-def test_what_was_done_as_a_document(correct, poses):
-    code, out, _ = correct("--poses", poses, "--json")
-    document = json.loads(out)
-    assert code == 0
-    assert document["poses"] == 2
-    assert 0.1 < document["correction_mm"]["mean"] <= document["correction_mm"]["max"] < 10.0
-    assert 0.0 < document["position_std_mm"] < 0.02
-
-
 def test_a_set_that_no_identification_found_has_no_uncertainty(correct, poses, folder, tmp_path):
     text = (folder / "robot-compensated.yaml").read_text(encoding="utf-8")
     changed = tmp_path / "other.yaml"
     lines = [line for line in text.splitlines() if not line.startswith("sha256")]
     changed.write_text("\n".join(lines).replace("z_mm: 0.0", "z_mm: 0.01", 1), encoding="utf-8")
-    code, out, _ = correct("--poses", poses, "--robot", changed, "--json")
-    assert code == 0
-    assert json.loads(out)["position_std_mm"] is None
+    unknown = correct("--poses", poses, "--robot", changed, "--json")
+    assert unknown.code == 0
+    assert unknown.document["position_std_mm"] is None
     written = poses.with_name("targets-corrected.csv").read_text(encoding="utf-8")
     assert all(line.endswith(",") for line in written.splitlines()[1:])
     told = " ".join(correct("--poses", poses, "--robot", changed, "--force").out.split())
@@ -101,9 +93,7 @@ def test_poses_that_cannot_be_taken_are_refused_by_their_line(correct, poses, ro
     [
         ((), "Missing option '--poses'"),
         (("--gcode", "part.ngc"), "examples/correct_gcode.py"),
-        (("--program", "part.mod"), "docs/how-to/closed-controllers.md"),
         (("--poses", "missing.csv"), "missing.csv"),
-        (("--poses", "a", "--margin", "50"), "position_std_mm"),
     ],
 )
 def test_options_that_cannot_be_meant(correct, words, says):

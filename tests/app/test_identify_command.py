@@ -102,12 +102,6 @@ def test_the_document_states_parameters_within_their_uncertainty(pkmcal, clean):
         assert abs(entry["delta"] - ERRORS[name]) <= 4.5 * entry["std"], name
 
 
-def test_what_takes_long_is_told_on_a_terminal(pkmcal, clean, monkeypatch):
-    monkeypatch.setattr("rich.console.Console.is_terminal", True)
-    code, _, err = pkmcal("identify", clean.folder)
-    assert (code, "identifying" in err) == (0, True)
-
-
 def test_people_read_parameters_errors_budget_noise_and_the_verdict(pkmcal, clean):
     code, out, _ = pkmcal("identify", clean.folder)
     assert code == 0
@@ -115,20 +109,14 @@ def test_people_read_parameters_errors_budget_noise_and_the_verdict(pkmcal, clea
     for words in (
         "Parameters (mm, deg, ppm)",
         "plate_mm ",
-        "positions of fitted shots ",
         "Uncertainty of positions, 1 σ, rms over the workspace",
         "tracker: noise of points, as stated ",
-        "combined ",
-        "the tracker's scale ",
         "robot repeatability: ",
-        "predicted σ of positions over the workspace: 0.0",
         "no shot determines ",
         "verdict: pass",
     ):
         assert any(line.startswith(words) for line in lines), words
     assert "axis_tilt_deg  " not in out, "parts that show no change are counted, not listed"
-    assert "parameters of imperfect parts and drives are within U of nominal" in out
-    assert max(map(len, lines)) < 200
 
 
 def test_an_accepted_large_change_is_said_to_be_accepted(pkmcal, clean):
@@ -166,12 +154,3 @@ def test_options_are_typed_as_they_were_given():
     words = "--model paper --fix arm1.* --fix arm2.* --only-shots -60 --sessions"
     assert sorted(typed_words(options)) == sorted(words.split())
     assert typed_words(IdentificationOptions()) == []
-
-
-def test_the_papers_model_fits_the_distances_of_all_pairs(clean):
-    found = identify(clean, IdentificationOptions(model="paper"))
-    assert (found.model, found.asked) == ("paper", ("--model", "paper"))
-    assert len(found.free) == 22
-    assert found.excluded == ()
-    assert len(found.fitted.after) == 60, "the distance of each pair"
-    assert found.verdict == "pass"

@@ -59,17 +59,15 @@ def test_points_are_joined_with_the_joints_that_plan_wrote(pkmcal, folder):
     assert len(imported(folder)[-1].shots) == len(JOINTS)
 
 
-@pytest.mark.parametrize("given", ["m", "um", "inch", "cm"])
-@pytest.mark.parametrize(("right", "mm"), [("mm", 1.0), ("inch", 25.4), ("m", 1000.0)])
-def test_wrong_unit_is_refused_with_the_right_one(pkmcal, folder, given, right, mm):
+@pytest.mark.parametrize(
+    ("typed", "right", "mm"),
+    [("m", "mm", 1.0), ("um", "inch", 25.4), ("cm", "m", 1000.0), ("inch", "m", 1000.0)],
+)
+def test_wrong_unit_is_refused_with_the_right_one(pkmcal, folder, typed, right, mm):
     points = write_points(folder, unit_mm=mm)
-    if given == right:
-        assert pkmcal("import", folder, points, "--unit", given).code == 0
-        return
-    assert (
-        f"import with --unit {right}"
-        in pkmcal("import", folder, points, "--unit", given).error_line
-    )
+    refused = pkmcal("import", folder, points, "--unit", typed)
+    assert f"import with --unit {right}" in refused.error_line
+    assert pkmcal("import", folder, points, "--unit", right).code == 0
 
 
 def test_unit_of_a_wrong_header_can_be_replaced(pkmcal, folder):
@@ -83,6 +81,19 @@ def test_points_without_joints_are_refused(pkmcal, folder):
     joints_path(folder, "run").unlink()
     said = pkmcal("import", folder, points).error_line
     assert "points.txt: points alone do not state where the joints were → give --joints" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "remedy"),
+    [
+        (["--robot", "held.yaml"], "give --stage before or after, or leave"),
+        (["--columns", "name,x,y,z"], "add --format ascii, or"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(pkmcal, folder, words, remedy):
+    refused = pkmcal("import", folder, "shots.csv", *words)
+    assert refused.code == 2
+    assert remedy in refused.error_line
 
 
 def test_second_import_says_that_it_alone_would_count(pkmcal, folder, tmp_path, monkeypatch):

@@ -1,25 +1,16 @@
-"""Every hint is a command that can be typed, whatever options the commands before it had."""
+"""Every hint is a command that can be typed."""
 
 import re
 import shlex
 from dataclasses import replace
 
 import pytest
-from command_line import SMALL_TESTS, change
 from typer.main import get_command
 
 from app.main import app, run_command
 from campaigns.campaign import now_utc
 from campaigns.files.lock import campaign_lock
 from campaigns.next_step import ROWS, CampaignState, next_step
-
-OPTIONS = {
-    "plan": "--placement optimal --shots 40 --seed 3 --fix arm2.*",
-    "run": "--until 5 --skip 3 --retry 1 --yes",
-    "identify": "--prior arm*.arm_mm=0.05 --fix arm2.* --hold-out 20%",
-}
-"""Options that no hint after these commands may repeat."""
-SMALL = {"plan.shots": 40, "plan.validation_pairs": 1, **SMALL_TESTS}
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.command)
@@ -41,28 +32,6 @@ def hint(ended):
     """The command that is next, of which its words, status and the document say the same."""
     (said,) = re.findall(r"^next: (pkmcal .*)$", ended.err + ended.out, re.M)
     return said
-
-
-@pytest.mark.slow
-def test_hints_after_options_of_all_commands_can_be_typed(pkmcal, tmp_path):
-    folder = tmp_path / "c"
-    run_command(["new", str(folder), "--robot", "delta", "--scenario", "drawn-robots"])
-    change(folder / "campaign.yaml", SMALL)
-    change(folder / "cell.yaml", {"speed_up": 10_000})
-    step = f"pkmcal plan {folder}"
-    for command, options in OPTIONS.items():
-        if command == "run":  # which was planned, and is validated before
-            assert step == f"pkmcal validate {folder} --stage before"
-            before = pkmcal(*shlex.split(step)[1:], "--only", "distances", "--yes")
-            assert before.code in {0, 1}, "the scenario's limits are for a calibrated robot"
-            step = f"pkmcal run {folder}"
-        assert step == f"pkmcal {command} {folder}"
-        ended = pkmcal(command, folder, *options.split())
-        assert ended.code in {0, 1}, ended.err
-        step = hint(ended)
-        assert hint(pkmcal("status", folder)) == step
-        assert pkmcal("status", folder, "--json").document["next"] == step
-    assert not {"--prior", "--fix", "--hold-out"} & {*step.split()}
 
 
 def test_who_works_on_a_campaign_is_waited_for_or_watched(pkmcal, tmp_path):
