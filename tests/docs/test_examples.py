@@ -138,15 +138,10 @@ def test_gcode_without_a_known_start_or_out_of_reach_is_refused(gcode):
         correct("G1 X2000 Y0 Z-575 C0 F100\n")
 
 
-@pytest.mark.parametrize("has_turn", [True, False])
-def test_loops_over_corrected_poses_write_each_in_three_languages(
-    has_turn, tmp_path, monkeypatch, capsys
-):
-    axes = ["x_mm", "y_mm", "z_mm", *(["theta_deg"] if has_turn else [])]
+def test_loops_over_corrected_poses_write_each_in_three_languages(tmp_path, monkeypatch, capsys):
+    axes = ["x_mm", "y_mm", "z_mm", "theta_deg"]
     head = ",".join(["name", *axes, *(f"commanded_{axis}" for axis in axes)])
     rows = ["pick,1,2,-600,30,1.5,2.5,-600.5,30", "place,0,0,0,0,4,5,-6,0"]
-    if not has_turn:
-        rows = ["pick,1,2,-600,1.5,2.5,-600.5", "place,0,0,0,4,5,-6"]
     (tmp_path / "targets-corrected.csv").write_text("\n".join([head, *rows, ""]))
     monkeypatch.chdir(tmp_path)
     written = []
@@ -156,12 +151,10 @@ def test_loops_over_corrected_poses_write_each_in_three_languages(
             moved = [line.split() for line in capsys.readouterr().out.splitlines()]
             written.append(next(words for words in moved if "1.5" in " ".join(words)))
     rapid, krl, vplus = ("".join(words) for words in written)
-    half = "0,0.965925826,0.258819045,0" if has_turn else "0,1.000000000,0.000000000,0"
-    assert rapid.startswith(f"MoveJ[[1.5,2.5,-600.5],[{half}],[0,0,0,0],[9E9")
+    assert rapid.startswith("MoveJ[[1.5,2.5,-600.5],[0,0.965925826,0.258819045,0],[0,0,0,0],[9E9")
     assert rapid.endswith(r"fine,tool0\WObj:=wobj0;")
-    assert krl == f"PTP{{X1.5,Y2.5,Z-600.5,A{30 if has_turn else 0},B0,C180}}"
-    turn = "-30.000000" if has_turn else "-0.000000"
-    assert vplus == f"MOVETRANS(1.5,2.5,-600.5,0,180,{turn})"
+    assert krl == "PTP{X1.5,Y2.5,Z-600.5,A30,B0,C180}"
+    assert vplus == "MOVETRANS(1.5,2.5,-600.5,0,180,-30.000000)"
 
 
 def klipper_settings(text):

@@ -348,7 +348,10 @@ def test_suspended_load_that_does_not_go_on_is_taken_back(screen_and_load, expor
 
 @pytest.mark.parametrize(
     ("command", "options", "number"),
-    [("devices", (), signal.SIGTERM), ("load", ("--yes",), signal.SIGINT)],
+    [
+        pytest.param("devices", (), signal.SIGTERM, marks=pytest.mark.long),
+        ("load", ("--yes",), signal.SIGINT),
+    ],
 )
 def test_a_command_that_moves_nothing_says_that_it_was_interrupted(
     exported, command, options, number
