@@ -96,7 +96,10 @@ def test_broken_beam_is_waited_for_with_advice_and_counts_no_attempt(
     waits = [place for place, name in enumerate(names) if name in searches]
     assert "robot.move_joints" not in names[waits[0] : waits[-1]]
     events = [entry.record for entry in journal.records_of(Event)]
+    (suspended,) = (event.text for event in events if event.kind == "suspended")
     (resumed,) = (event.text for event in events if event.kind == "resumed")
+    assert suspended.endswith("attempt 1: beam broken: the beam is broken")
+    assert {suspended, resumed} <= set(cell.observer.events)
     lasted_s = float(resumed.removesuffix(" s").rpartition(" ")[2])
     assert lasts_s - 2.0 <= lasted_s <= lasts_s + 5.0
     assert max(p.beam_lost_s for p in cell.observer.told) >= min(lasts_s - 3.0, 1.0)

@@ -61,11 +61,8 @@ def test_a_plan_of_too_few_shots_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        "0.02", "0.02 mm", " 2e-2mm ", "σ=0.02", "sigma=0.02", " Std = 0.02 ", "Σ=2e-2",
-    ],
-)  # fmt: skip
+    "text", ["0.02", "0.02 mm", " 2e-2mm ", "σ=0.02", "sigma=0.02", " Std = 0.02 ", "Σ=2e-2"]
+)
 def test_a_goal_is_a_standard_deviation_in_mm(text: str) -> None:
     assert stopping_rule.read_goal(text) == 0.02
 
