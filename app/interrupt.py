@@ -77,7 +77,7 @@ def unblock_signals() -> None:
 @contextmanager
 def stop_on_signals(wish: StopRequest) -> Iterator[None]:
     """Turn signals into the wish to stop, for the time of the block."""
-    with _handled(wish.ask, WATCHED):
+    with _handling(wish.ask, WATCHED):
         yield
 
 
@@ -88,7 +88,7 @@ def asking() -> Iterator[None]:
     The others raise `KeyboardInterrupt`, so that the caller can still undo what is half done.
     """
     before = {number: signal.getsignal(number) for number in SUSPENDING}
-    with _handled(_refuse, ENDING):
+    with _handling(_refuse, ENDING):
         for number, handler in before.items():
             if handler is not signal.SIG_IGN:
                 signal.signal(number, signal.SIG_DFL)
@@ -102,7 +102,7 @@ def asking() -> Iterator[None]:
 @contextmanager
 def interrupted_by_signals() -> Iterator[None]:
     """Let the signals that end a process raise `KeyboardInterrupt`, as Ctrl-C does already."""
-    with _handled(_refuse, [number for number in ENDING if number != signal.SIGINT]):
+    with _handling(_refuse, [number for number in ENDING if number != signal.SIGINT]):
         yield
 
 
@@ -116,7 +116,7 @@ def awaited_signal() -> Iterator[Callable[[], None]]:
     def wait() -> None:
         signals.get()
 
-    with _handled(signals.put, ENDING):
+    with _handling(signals.put, ENDING):
         yield wait
 
 
@@ -130,7 +130,7 @@ def _refuse(_number: int) -> None:
 
 
 @contextmanager
-def _handled(handle: Callable[[int], None], numbers: Sequence[signal.Signals]) -> Iterator[None]:
+def _handling(handle: Callable[[int], None], numbers: Sequence[signal.Signals]) -> Iterator[None]:
     """Let a function handle these signals for the time of the block, then restore the handlers."""
 
     def called(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - Python's signature

@@ -6,8 +6,8 @@
 #    readers, and lets the signals that end a process raise KeyboardInterrupt, as Ctrl-C does.
 # 2. Typer asks `LazyGroup` for the command that was typed, and only its module in `app/cli` is
 #    imported. Help and completion take names and summaries from `COMMANDS`: they import nothing.
-# 3. `options.expanded` translates the command's parameters for Typer: a terminal, a campaign and
-#    dataclasses of options become --json, DIR and single options.
+# 3. `options.as_typer_command` translates the command's parameters for Typer: a terminal, a
+#    campaign and dataclasses of options become --json, DIR and single options.
 # 4. The command returns (exit code 0), or `Terminal.conclude` ends it with code 1, or it raises.
 # 5. `run_command` is the one place where whatever was raised becomes a line on stderr, a document
 #    on stdout with --json, and an exit code. So all failures look alike, and none is a traceback.
@@ -180,7 +180,7 @@ class LazyGroup(TyperGroup):
         """Import the command's module and return the command; None for an unknown name."""
         if cmd_name not in COMMANDS:
             return None
-        from app.options import expanded  # with pydantic and more, for commands only
+        from app.options import as_typer_command  # with pydantic and more, for commands only
 
         module, _ = COMMANDS[cmd_name]
         imported = import_module(f"app.cli.{module}")
@@ -191,7 +191,7 @@ class LazyGroup(TyperGroup):
             context_settings=SETTINGS,
             rich_markup_mode=None,
         )
-        program.command(cmd_name, cls=SectionedCommand)(expanded(imported.command))
+        program.command(cmd_name, cls=SectionedCommand)(as_typer_command(imported.command))
         command = typer.main.get_command(program)
         assert isinstance(command, TyperCommand), "one command makes no group"
         return command
@@ -248,7 +248,7 @@ def main_options(
     ] = False,
 ) -> None:
     """Take the options that stand before the command."""
-    context.obj = verbose  # where `options.expanded` finds it for the command's Terminal
+    context.obj = verbose  # where `options.as_typer_command` finds it for the command's Terminal
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ from uuid import uuid4
 
 import numpy as np
 
-from app.options import completed
+from app.options import completer
 from campaigns.errors import OptionsInvalid, OutputExists
 from campaigns.files import text_file
 from campaigns.planning.validation_plan import fitting_lines
@@ -24,7 +24,7 @@ from sim.scenarios.scenario import edited, parse_scenario, scenario_text, shippe
 
 DEFAULT_ROBOT = "par4-prototype"
 DEFAULT_SCENARIO = "paper-prototype"
-COMPLETED_ROBOT, COMPLETED_SCENARIO = completed(shipped_robots), completed(shipped_scenarios)
+COMPLETED_ROBOT, COMPLETED_SCENARIO = completer(shipped_robots), completer(shipped_scenarios)
 DEFAULT_REFLECTOR = "CCR-1.5in"
 SIMULATED_SPEED_PERCENT = 50.0
 SCENARIO = "cell.yaml"

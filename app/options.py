@@ -1,9 +1,9 @@
 """Arguments and options that several commands share, worded once; options objects as options."""
 
 # Commands are plain functions: `command(terminal, campaign, options, *, dry=False)`. They know
-# nothing of Typer, and `RunOptions` and its like serve the Python API as well. `expanded` gives
-# such a function the signature that Typer reads, and makes its arguments of what Typer has read.
-# What a dataclass of options has for help, bounds and metavar stands in an `Option`
+# nothing of Typer, and `RunOptions` and its like serve the Python API as well. `as_typer_command`
+# gives such a function the signature that Typer reads, and makes its arguments of what Typer has
+# read. What a dataclass of options has for help, bounds and metavar stands in an `Option`
 # at each field, next to its meaning, and not in a second list here.
 
 import inspect
@@ -86,12 +86,12 @@ Seed = Annotated[
 ]
 
 
-def completed(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+def completer(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
     """Return a function that lists those of the words that begin with what was typed."""
     return lambda incomplete: [word for word in words() if word.startswith(incomplete)]
 
 
-def expanded(command: Callable[..., None]) -> Callable[..., None]:
+def as_typer_command(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command with the parameters that Typer reads.
 
     A `Terminal` becomes the context and --json, a `Campaign` the folder, and a dataclass of options
@@ -190,7 +190,7 @@ def _typed(name: str, hint: Any, default: Any) -> tuple[Any, Any]:
         min=option.least,
         max=option.most,
         show_default=option.default or True,
-        autocompletion=option.words and completed(option.words),
+        autocompletion=option.words and completer(option.words),
     )
     return Annotated[kind, words], default
 

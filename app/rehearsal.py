@@ -46,7 +46,7 @@ def rehearse(
 
     `options` are those of the identification.
     """
-    rehearsal = _beginning(campaign, terminal)
+    rehearsal = _announce(campaign, terminal)
     heading(terminal, 1, "plan")
     checked = plan(campaign).checked
     terminal.say(plan_line(checked))
@@ -96,7 +96,7 @@ def _validate(campaign: Campaign, terminal: Terminal, stage: ValidationStage) ->
     return validated
 
 
-def _beginning(campaign: Campaign, terminal: Terminal) -> Rehearsal:
+def _announce(campaign: Campaign, terminal: Terminal) -> Rehearsal:
     """Print scenario, seed and folder, and return the empty answers."""
     scenario = scenario_of(campaign.folder, campaign.config.controller.url)
     terminal.say(f"dry run of {scenario.name}, seed {scenario.seed}, in {campaign.folder}", "bold")

@@ -150,7 +150,9 @@ class DeviceConnections:
                 robot.connect()
                 name_by(identity := robot.identity())
                 _check_serial("controller", identity, serial)
-                yield robot if self.followed is None else _followed(robot, self.followed)
+                if self.followed is not None:
+                    robot = cast("RobotController", _FollowedRobot(robot, self.followed))
+                yield robot
         finally:
             robot.close()
 
@@ -282,10 +284,6 @@ class _FollowedRobot:
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._robot, name)  # all but the state is the real robot's
-
-
-def _followed(robot: RobotController, followed: SimulatedController) -> RobotController:
-    return cast("RobotController", _FollowedRobot(robot, followed))
 
 
 @contextmanager

@@ -1,13 +1,9 @@
 """Texts of devices, files and operators: shown without hidden characters, wherever that is."""
 
-import io
-
 import pytest
-from rich.console import Console
 
 from app.console import Terminal
 from app.main import run_command
-from app.progress import CountedWork
 
 HOSTILE = "SN-1\x1b[2J\x07\u202egpj\u2028two\x9b"
 CLEAN = "SN-1?[2J??gpj two?"
@@ -24,12 +20,6 @@ def test_lines_tables_and_questions_are_cleaned(capsys):
     shown = captured.out + captured.err
     assert shown.count(CLEAN) == 9
     assert not set(HOSTILE) & set("\x1b\x07\u202e\u2028\x9b") & set(shown)
-
-
-def test_the_progress_of_a_run_is_cleaned():
-    screen = io.StringIO()
-    CountedWork(Console(file=screen), "run", 3).say(HOSTILE)
-    assert screen.getvalue().strip() == CLEAN
 
 
 @pytest.mark.parametrize("name", ["\x1b[2J", "a\x00b", "\u202egpj", "\udcff", "x" * 100_000])

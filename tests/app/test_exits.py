@@ -6,7 +6,6 @@ from app import exits as door_errors
 from app.exits import Exit, exit_code
 from campaigns import errors as campaign_errors
 from drivers import errors as driver_errors
-from drivers.errors import ExplainedError
 from sim import errors as sim_errors
 
 ROOTS = (
@@ -44,8 +43,3 @@ def test_what_scripts_may_rely_on(code):
     kinds = {kind.__name__: kind for root in ROOTS for kind in all_below(root)}
     for name in RELIED_ON[code].split():
         assert exit_code(kinds[name]("a problem", remedy="a remedy")) == code, name
-
-
-def test_an_error_of_a_new_package_is_noticed():
-    with pytest.raises(LookupError, match="ExplainedError"):
-        exit_code(ExplainedError("a problem", remedy="a remedy"))

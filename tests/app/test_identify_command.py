@@ -11,7 +11,6 @@ from app.main import run_command
 from app.new_campaign import create_simulated
 from campaigns.campaign import open_campaign
 from campaigns.design.pose_sampling import interior_poses
-from campaigns.errors import OptionsInvalid
 from campaigns.fit.rigid_transforms import from_paper_angles
 from campaigns.identification.options import IdentificationOptions
 from campaigns.planning.plans import region_of
@@ -19,7 +18,6 @@ from campaigns.robots.robot import pose_of
 from campaigns.settings.option import typed_words
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, write_shots
-from campaigns.workflow.identification import identify
 from campaigns.workflow.importing import import_shots
 
 STD_MM = np.array([0.004, 0.012, 0.012])
@@ -138,13 +136,6 @@ def test_a_covariance_in_the_journal_that_is_none_is_refused_by_its_shot(pkmcal,
     code, out, err = pkmcal("identify", campaign.folder, "--json")
     assert (code, "error" in json.loads(out)) == (2, True)
     assert "shot 17: its covariance is not positive definite → import the shots again" in err
-
-
-def test_what_the_options_mean_is_checked_before_anything_is_read(tmp_path):
-    campaign = made(tmp_path / "campaign")
-    with pytest.raises(OptionsInvalid, match="is no parameter"):
-        identify(campaign, IdentificationOptions(free=("arm7.*",)))
-    assert not campaign.journal_path.exists()
 
 
 def test_options_are_typed_as_they_were_given():

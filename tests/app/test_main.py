@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 from importlib import import_module
-from json import loads
 from pathlib import Path
 
 import pytest
@@ -18,11 +17,7 @@ from app.main import run_command
 from campaigns.version import COMMIT_FILE, commit
 from drivers.errors import LinkDown
 
-COMMANDS = (
-    *("new", "devices", "plan", "validate", "run", "identify", "export", "load", "report"),
-    *("status", "check", "watch"),
-    *("dry-run", "import", "correct", "history", "study", "robot", "sim", "check-journal"),
-)
+COMMANDS = tuple(main.COMMANDS)
 REPOSITORY = Path(__file__).parents[2]
 HEAVY = {
     *("numpy", "scipy", "pydantic", "rich", "ruamel.yaml", "serial", "campaigns.fit", "sim.cell")
@@ -33,16 +28,11 @@ def test_without_arguments_it_helps(pkmcal):
     code, out, err = pkmcal()
     assert (code, err) == (0, "")
     assert out == pkmcal("--help")[1]
-    for command in COMMANDS:
-        assert f"  {command} " in out
-
-
-def test_usual_commands_are_listed_first_and_fit_on_one_screen(pkmcal):
-    assert tuple(main.COMMANDS) == COMMANDS
-    lines = pkmcal("--help").out.splitlines()[:20]
-    assert [name for name in COMMANDS if any(line.startswith(f"  {name} ") for line in lines)] == [
-        *COMMANDS[: main.FIRST_COMMANDS]
-    ]
+    usual, _, others = out.partition("More commands:")
+    listed = [line.split()[0] for line in (usual + others).splitlines() if line[2:3].islower()]
+    assert [name for name in listed if name in COMMANDS] == [*COMMANDS]
+    assert " watch " in usual
+    assert " dry-run " in others
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -150,23 +140,19 @@ def failing(monkeypatch, tmp_path):
     return fail_with
 
 
-def test_a_designed_error_is_one_line(pkmcal, failing):
-    code, out, err = pkmcal(*failing(LinkDown("a\nb", remedy="check it")), "--json")
-    assert (code, err) == (3, "pkmcal: a b → check it\n")
-    assert loads(out)["error"] == {"problem": "a b", "remedy": "check it", "exit_code": 3}
-
-
-def test_an_error_of_our_own_is_one_line_too(pkmcal, failing):
-    code, out, err = pkmcal(*failing(ZeroDivisionError("by nothing")))
-    assert (code, out) == (70, "")
-    assert err.startswith("pkmcal: unforeseen ZeroDivisionError: by nothing → ")
-    assert err.count("\n") == 1
-
-
-def test_ctrl_c_anywhere_is_no_error(pkmcal, failing):
-    code, _, err = pkmcal(*failing(KeyboardInterrupt()))
-    assert code == 130
-    assert err.startswith("pkmcal: interrupted")
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (LinkDown("a\nb", remedy="check it"), 3, "a b → check it"),
+        (ZeroDivisionError("by nothing"), 70, "unforeseen ZeroDivisionError: by nothing → report"),
+        (KeyboardInterrupt(), 130, "interrupted → start the command again"),
+    ],
+)
+def test_whatever_goes_wrong_is_one_line_and_a_document(pkmcal, failing, error, code, line):
+    ended = pkmcal(*failing(error), "--json")
+    assert ended.code == ended.document["error"]["exit_code"] == code
+    assert ended.err == f"pkmcal: {ended.error_line}\n"
+    assert ended.error_line.startswith(line)
 
 
 @pytest.mark.parametrize("error", [LinkDown("a", remedy="b"), ZeroDivisionError("a")])
@@ -199,23 +185,6 @@ def test_nothing_heavy_and_no_command_is_imported_for_help():
     assert not slow_parts & for_commands
 
 
-def completed(capsys, monkeypatch, **variables):
-    """What the shell is told."""
-    for name, value in variables.items():
-        monkeypatch.setenv(name, value)
-    with pytest.raises(SystemExit, match="0"):
-        run_command([])
-    return capsys.readouterr().out
-
-
-def test_completion_can_be_shown_and_installed(pkmcal, capsys, monkeypatch):
-    out = pkmcal("--help")[1]
-    assert "--install-completion" in out
-    assert "--show-completion" in out
-    script = completed(capsys, monkeypatch, _PKMCAL_COMPLETE="source_bash")
-    assert "complete -o default -F _pkmcal_completion pkmcal" in script
-
-
 @pytest.mark.parametrize(
     ("typed", "words"),
     [
@@ -227,9 +196,12 @@ def test_completion_can_be_shown_and_installed(pkmcal, capsys, monkeypatch):
     ],
 )
 def test_what_was_typed_is_completed(capsys, monkeypatch, typed, words):
-    variables = {"COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split(" ")) - 1)}
-    told = completed(capsys, monkeypatch, _PKMCAL_COMPLETE="complete_bash", **variables)
-    assert tuple(told.split()) == words
+    monkeypatch.setenv("_PKMCAL_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", typed)
+    monkeypatch.setenv("COMP_CWORD", str(len(typed.split(" ")) - 1))
+    with pytest.raises(SystemExit, match="0"):
+        run_command([])
+    assert tuple(capsys.readouterr().out.split()) == words
 
 
 def test_signals_that_whoever_started_us_has_blocked_are_delivered():

@@ -5,7 +5,6 @@ import os
 import shutil
 
 import pytest
-from command_line import change
 
 from app import new_campaign
 from app.cli.dry_run import prepare_campaign
@@ -116,14 +115,6 @@ def test_new_for_a_real_cell_asks_for_limits(pkmcal, tmp_path, monkeypatch, type
     assert pkmcal(*words).code == 0
     made = open_campaign(tmp_path / "cell-3").config.acceptance
     assert (made.distance_mean_mm, made.distance_max_mm) == limits
-
-
-def test_limit_of_rotation_is_refused_where_nothing_turns(pkmcal, tmp_path):
-    folder = tmp_path / "delta"
-    assert pkmcal("new", folder, "--robot", "linear-delta").code == 0
-    assert pkmcal("status", folder).code == 0
-    change(folder / "campaign.yaml", {"acceptance.rotation_mm": 0.1})
-    assert "acceptance.rotation_mm is 0.1, but the plate" in pkmcal("status", folder).error_line
 
 
 def test_new_does_not_replace_somebodys_cell(tmp_path):

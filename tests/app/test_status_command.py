@@ -64,10 +64,11 @@ def test_what_was_begun_and_not_ended_is_open_and_the_next_command_is_that_of_al
 def test_somebody_who_measures_is_named_and_a_dead_one_is_not(pkmcal, tmp_path):
     paper = new_campaign(tmp_path / "c")
     with campaign_lock(paper.folder, now_utc=now_utc):
-        held_by = status(pkmcal, paper.folder)["measuring"]
+        told = status(pkmcal, paper.folder)
         _, _, err = pkmcal("report", paper.folder)
         note = (paper.folder / LOCK_FILE).read_text()
-    assert held_by["pid"] == os.getpid()
+    assert told["measuring"]["pid"] == os.getpid()
+    assert told["next"] == f"pkmcal status {paper.folder}", "there is nothing to do but wait"
     assert f"process {os.getpid()}" in err
     (paper.folder / LOCK_FILE).write_text(note)  # as a killed process leaves it
     assert status(pkmcal, paper.folder)["measuring"] is None
@@ -78,11 +79,3 @@ def test_the_present_folder_is_the_campaign_unless_another_is_named(pkmcal, tmp_
     monkeypatch.chdir(paper.folder)
     code, out, _ = pkmcal("status", "--json")
     assert (code, json.loads(out)["name"]) == (0, paper.campaign.config.name)
-
-
-@pytest.mark.parametrize("words", [(), ("shots.csv",)])
-def test_a_single_argument_of_import_is_the_file(pkmcal, tmp_path, monkeypatch, words):
-    monkeypatch.chdir(new_campaign(tmp_path / "c").folder)
-    code, _, err = pkmcal("import", *words)
-    assert code == 2
-    assert ("FILE is missing", "shots.csv: there is no such file")[len(words)] in err

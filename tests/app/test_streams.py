@@ -40,28 +40,20 @@ def test_errors_are_utf_8_whatever_the_code_page(code_page):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("unbuffered", ["", pytest.param("1", marks=pytest.mark.long)])
-def test_an_answer_that_finds_no_room_is_an_error(unbuffered):
+def test_an_answer_that_finds_no_room_is_an_error():
     with FULL.open("wb") as full:
-        lost = ended("--help", stdout=full, PYTHONUNBUFFERED=unbuffered)
+        lost = ended("--help", stdout=full)
     assert lost.returncode == 4
     assert lost.stderr.decode().startswith("pkmcal: standard output cannot be written (no space")
     assert lost.stderr.count(b"\n") == 1
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("stream", "words", "code"),
-    [
-        ("stdout", ["--help"], 0),
-        pytest.param("stderr", ["plan", "no-such-folder"], 2, marks=pytest.mark.long),
-    ],
-)
-def test_a_reader_that_has_left_changes_no_exit_code(stream, words, code):
+def test_a_reader_that_has_left_changes_no_exit_code():
     reading, writing = os.pipe()
     os.close(reading)
     try:
-        assert ended(*words, **{stream: writing}).returncode == code
+        assert ended("--help", stdout=writing).returncode == 0
     finally:
         os.close(writing)
 
