@@ -3,8 +3,8 @@
 The file is the plan: users may reorder, remove or change rows, and a run takes them as they stand.
 Three things follow. Each row states both a pose and its joints, which the plan's check compares.
 A plan is identified by the digest of its text as this software writes it, so that columns in
-another order or blanks make no other plan. And an identification compares each measured shot with
-its row, to say which one was measured as another than the file has now.
+another order or blanks make no other plan. And before a run goes on, each measured shot is compared
+with its row: a number that means another shot by now belongs to another series.
 """
 
 import hashlib

@@ -223,25 +223,27 @@ def _point(line: Line, layout: Layout, form: PointFormat) -> NamedPoint:
     )
 
 
-def _length_mm(what: str, text: str, form: PointFormat) -> float:
-    """Return a coordinate in mm; raise `ShotsInvalid`, which names it by `what`."""
+def _length_mm(cell: str, text: str, form: PointFormat) -> float:
+    """Return the coordinate in a cell, mm; raise `ShotsInvalid`, in which `cell` names it."""
+    # Three answers to a text: a number in the notation that applies; a number in another notation,
+    # which is never guessed, because 2,5 and 2.500 may each mean two things; no number at all.
     unit = form.unit or "mm"
     value = number_value(text, form.decimal)
     if value is None and is_number(text):
         raise ShotsInvalid(
-            f"{what} is '{shown(text)}', with a decimal comma or a thousands separator",
+            f"{cell} is '{shown(text)}', with a decimal comma or a thousands separator",
             remedy=f"give {form.option}decimal comma or {form.option}decimal point, or export "
             "the points with decimal points and without thousands separators",
         )
     if value is None:
         raise ShotsInvalid(
-            f"{what} is '{shown(text)}', must be a number",
+            f"{cell} is '{shown(text)}', must be a number",
             remedy=f"correct the line, or {form.columns_remedy}",
         )
     length_mm = value * MM_PER_UNIT[unit]
     if abs(length_mm) > FARTHEST_MM:  # an infinite one, too
         raise ShotsInvalid(
-            f"{what} is {shown(text)} {unit}, farther than {FARTHEST_MM:g} mm",
+            f"{cell} is {shown(text)} {unit}, farther than {FARTHEST_MM:g} mm",
             remedy=f"check {form.option}unit, and that it is a point of this campaign",
         )
     return length_mm

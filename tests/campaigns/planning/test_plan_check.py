@@ -80,13 +80,6 @@ def test_reflector_turned_away_is_named_and_many_faults_counted() -> None:
     assert text.endswith("… and 5 more")
 
 
-def test_a_known_length_is_no_pose_of_the_robot() -> None:
-    measured = replace(FOUR_PAIRS[1], purpose=ShotSet.KNOWN_LENGTH)
-    assert "a known length is no pose of the robot: import its points" in problem(
-        with_shot(1, measured)
-    )
-
-
 def test_nests_are_those_of_campaign_yaml_and_all_of_them() -> None:
     bar = KnownLengthConfig(name="bar", length_mm=500.0, std_mm=0.01, nests=("A", "B"))
     own = replace(FOUR_PAIRS[0], purpose=ShotSet.NEST)
@@ -99,6 +92,7 @@ def test_nests_are_those_of_campaign_yaml_and_all_of_them() -> None:
         return caught.value.problem
 
     assert faults() == "no shot measures nest C of campaign.yaml"
+    assert "a known length is no pose of the robot" in faults("C", ends=("A", ""))
     assert faults("C", "D") == "shot 0: nest D is not among nests in campaign.yaml"
     assert faults("B", ends=("A", "C")) == "pair 9: no known length lies between nests A and C"
     assert faults("B", "C", ends=("A", "A")) == "pair 9: no known length lies between nests A and A"
