@@ -230,7 +230,7 @@ def _check_reading(
         raise ShotsInvalid(
             f"{where}: {', or '.join(words)}", remedy=f"{ambiguous}{', or '.join(remedies)}"
         )
-    # In between nothing is said: a robot that is far off its drawing is what the fit is for.
+    # In between the shots pass: a robot that is far off its drawing is what the fit is for.
     if cost > IMPOSSIBLE_MISFIT:
         raise ShotsInvalid(
             f"{where}: the points do not follow the joints: after the best fit "

@@ -26,7 +26,7 @@ def error_model(
     Parts may have grown where shots have their temperatures; None for shots that are planned.
     """
     # The instrument's common errors (scale, axes, reflector) come from its data sheet and stand
-    # last: they replace what robot.yaml may say of those groups.
+    # last: they replace tolerances of robot.yaml for those groups.
     table = nominal.mechanism.parameters
     held = {name for pattern in options.fix for name in matching(pattern, table)}
     return ErrorModel(

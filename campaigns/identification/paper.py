@@ -72,7 +72,7 @@ def identify_as_paper(
     solved = scipy.optimize.least_squares(
         problem.residual, start, problem.jacobian, method="lm", x_scale="jac", xtol=STEP_TOLERANCE
     )
-    # With one pair for each parameter the fit is exact, and its residuals say nothing of σ.
+    # With one pair for each parameter the fit is exact: no residuals are left to estimate σ from.
     dof = len(rows) - len(names)
     variance = float((solved.fun**2).sum() / dof) if dof else np.nan
     jacobian = np.asarray(solved.jac, dtype=np.float64)
