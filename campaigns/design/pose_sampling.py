@@ -1,4 +1,10 @@
-"""Samples of poses near the workspace's boundary or all over it, and pairs of poses."""
+"""Samples of poses near the workspace's boundary or all over it, and pairs of poses.
+
+Poses are drawn evenly from a box that holds the robot's reach, and kept where the robot can take
+them, the tracker sees them, and the space allows them (rejection sampling). That is even over the
+workspace whatever its shape, without an equation of its boundary. The density is even in x, y, z
+and θ, not in joints.
+"""
 
 import math
 from collections.abc import Callable
@@ -17,25 +23,26 @@ from campaigns.fit.rigid_transforms import distances_mm
 from campaigns.kinematics.feasibility import Limits, search_extent
 from campaigns.kinematics.mechanism import Kinematics
 
-FURTHER = 1.05
-"""A pose is near the boundary when it cannot be taken this much further from the centre."""
+BOUNDARY_STRETCH = 1.05
+"""Factor of the distance from the centre at which a pose near the boundary can no longer be
+taken."""
 BATCH = 4000
 BATCHES = 200
 """Batches tried for every 5 000 poses that are needed."""
 SHORTEST_PAIR_MM = 100.0
 WORKSPACE_POSES = 300
-"""Poses that stand for the workspace when uncertainty of positions is stated."""
+"""Number of poses that stand for the workspace where the uncertainty of positions is stated."""
 WORKSPACE_SEED = 1
-"""Seed of these poses: they are the same ones for every plan, run and identification of a robot."""
+"""Seed of these poses: one sample for every plan, run and identification of a robot."""
 
 
 class WorkspaceTooSmall(ValueError):
-    """Workspace with too few feasible poses for what was asked."""
+    """Workspace with fewer feasible poses than are needed."""
 
 
 @dataclass(frozen=True, eq=False)
 class FeasibleRegion:
-    """Region where poses may be placed: the robot's reach and whatever else is asked of a pose."""
+    """Region where poses may be placed: the robot's reach, the tracker's view, and the space."""
 
     kinematics: Kinematics
     limits: Limits
@@ -46,6 +53,7 @@ class FeasibleRegion:
     reflector_facing: Array
     """Direction of the reflector's axis in the base frame, unit length, (3,)."""
     acceptance_rad: float
+    """Largest angle between the reflector's axis and the beam."""
     space: RestrictedSpace = UNRESTRICTED
 
     @property
@@ -59,6 +67,7 @@ class FeasibleRegion:
 
         In a space with obstacles any two of them are then joined by way of the centre.
         """
+        # the cheap test first: each next one judges only the poses that remain
         allowed = self.space.allows(poses[:, :3])
         allowed[allowed] = self.can_measure(poses[allowed])
         if self.space.has_obstacles:
@@ -69,16 +78,14 @@ class FeasibleRegion:
 
     def can_measure(self, poses: Array) -> Mask:
         """Return which poses can be taken and seen, whatever the space allows, (N,)."""
-        seen = (
-            incidence_rad(poses[:, :3], self.view_from_mm, self.reflector_facing)
-            <= self.acceptance_rad
-        )
-        return np.asarray(self.kinematics.feasibility(self.limits, poses).feasible & seen)
+        angles = incidence_rad(poses[:, :3], self.view_from_mm, self.reflector_facing)
+        is_seen = angles <= self.acceptance_rad
+        return np.asarray(self.kinematics.feasibility(self.limits, poses).feasible & is_seen)
 
     def refusals(self, count: int, rng: np.random.Generator) -> Refusals:
         """Count the refusals by the space among `count` poses that can be taken and seen.
 
-        Raise `WorkspaceTooSmall`.
+        Raise `WorkspaceTooSmall` if there are fewer.
         """
         poses = _rejection_sample(self.centre, self.extent, count, rng, self.can_measure)
         return count_refusals(self.space, poses[:, :3])
@@ -93,20 +100,20 @@ def incidence_rad(points_mm: Array, tracker_mm: Array, facing: Array) -> Array:
 def boundary_poses(region: FeasibleRegion, count: int, rng: np.random.Generator) -> Array:
     """Draw poses (count, t) that could not be taken 5 % further out (the paper's recipe).
 
-    Raise `WorkspaceTooSmall`.
+    Raise `WorkspaceTooSmall` if there are fewer.
     """
 
-    def near_the_boundary(poses: Array) -> Mask:
-        near = region.allows(poses)
-        further = region.centre + FURTHER * (poses[near] - region.centre)
-        near[near] = ~region.allows(further)
-        return near
+    def is_near_boundary(poses: Array) -> Mask:
+        is_near = region.allows(poses)
+        stretched = region.centre + BOUNDARY_STRETCH * (poses[is_near] - region.centre)
+        is_near[is_near] = ~region.allows(stretched)
+        return is_near
 
-    return _rejection_sample(region.centre, region.extent, count, rng, near_the_boundary)
+    return _rejection_sample(region.centre, region.extent, count, rng, is_near_boundary)
 
 
 def interior_poses(region: FeasibleRegion, count: int, rng: np.random.Generator) -> Array:
-    """Draw poses (count, t) evenly from all that is seen; raise `WorkspaceTooSmall`."""
+    """Draw poses (count, t) evenly from the region; raise `WorkspaceTooSmall` if it has fewer."""
     return _rejection_sample(region.centre, region.extent, count, rng, region.allows)
 
 
@@ -120,16 +127,16 @@ def workspace_poses(
 ) -> Array:
     """Draw poses (count, t) evenly from the robot's reach in its space, seen or not.
 
-    Raise `WorkspaceTooSmall`.
+    Raise `WorkspaceTooSmall` if there are fewer.
     """
 
-    def within_reach(poses: Array) -> Mask:
+    def is_within_reach(poses: Array) -> Mask:
         allowed = space.allows(poses[:, :3])
         allowed[allowed] = kinematics.feasibility(limits, poses[allowed]).feasible
         return allowed
 
     extent = search_extent(kinematics.mechanism, kinematics.p, limits, centre)
-    return _rejection_sample(centre, extent, count, rng, within_reach)
+    return _rejection_sample(centre, extent, count, rng, is_within_reach)
 
 
 def sample_workspace(
@@ -137,7 +144,8 @@ def sample_workspace(
 ) -> Array | None:
     """Return the one sample (N, t) of a robot's workspace at which positions are judged.
 
-    Plans, runs, identifications and studies use it. None where hardly a pose can be taken.
+    Plans, runs, identifications and studies use this sample, so that their figures compare. Return
+    None where hardly a pose can be taken.
     """
     rng = np.random.default_rng(WORKSPACE_SEED)
     try:
@@ -153,7 +161,7 @@ def _rejection_sample(
     rng: np.random.Generator,
     wanted: Callable[[Array], Mask],
 ) -> Array:
-    """Draw evenly from a box about the centre, until enough poses are wanted."""
+    """Draw evenly from a box about the centre, until `count` poses are wanted."""
     drawn, missing, batches = list[Array](), count, BATCHES * max(1, math.ceil(count / 5000))
     for _ in range(batches):
         poses = centre + rng.uniform(-1.0, 1.0, (BATCH, len(centre))) * extent
@@ -173,10 +181,11 @@ def random_pairs(poses: Array, rng: np.random.Generator) -> Index:
     become long enough. An odd pose is left over.
     """
     pairs = rng.permutation(len(poses) - len(poses) % 2).reshape(-1, 2)
-    for row in np.flatnonzero(~_long_enough(poses, pairs[:, 0], pairs[:, 1])).tolist():
+    for row in np.flatnonzero(~_is_long_enough(poses, pairs[:, 0], pairs[:, 1])).tolist():
         first, second = pairs[row]
+        # (first, second), (a, b) → (first, b), (a, second)
         swappable = np.flatnonzero(
-            _long_enough(poses, first, pairs[:, 1]) & _long_enough(poses, pairs[:, 0], second)
+            _is_long_enough(poses, first, pairs[:, 1]) & _is_long_enough(poses, pairs[:, 0], second)
         )
         if swappable.size:
             other = rng.choice(swappable)
@@ -184,6 +193,6 @@ def random_pairs(poses: Array, rng: np.random.Generator) -> Index:
     return pairs
 
 
-def _long_enough(poses: Array, first: Index, second: Index) -> Mask:
+def _is_long_enough(poses: Array, first: Index, second: Index) -> Mask:
     """Return which pairs of rows are far enough apart, (M,)."""
     return np.asarray(distances_mm(poses[:, :3], first, second) >= SHORTEST_PAIR_MM)

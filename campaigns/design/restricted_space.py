@@ -2,8 +2,12 @@
 
 Zones are upright: a footprint in x and y, and an interval of z, in the base frame. The plate is
 an upright cylinder about the measured point, which holds it at every turn: its radius is the
-plate's and the margin, its half height the margin. Clearances are of that cylinder: 0 where it
-touches a zone's wall, negative where it is where it may not be.
+plate's and the margin, its half height the margin. Clearances are those of this cylinder: 0 where
+it touches a zone's wall, negative where it is in a place that is not allowed.
+
+All shapes are convex, and their signed distances are convex functions of the point. That makes the
+least clearance on a straight line simple: of a zone to keep in it is at an end, of a zone to keep
+out the clearance has one minimum, which golden sections find.
 """
 
 import math
@@ -18,19 +22,20 @@ ANYWHERE: Interval = (-math.inf, math.inf)
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 ROUNDING_MM = 1e-6
 """Distance beyond a wall that is rounding: places may lie on the wall itself."""
-SECTIONS = 48
-"""Golden sections of a line: they narrow it to 1e-10 of its length."""
+GOLDEN_SECTIONS = 48
+"""Number of golden sections of a line: they narrow it to 1e-10 of its length."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rectangle:
-    """Rectangle along x and y; without ends it is everywhere."""
+    """Rectangle along x and y; without ends it covers the whole plane."""
 
     x_mm: Interval = ANYWHERE
     y_mm: Interval = ANYWHERE
 
     def distance_mm(self, points: Array) -> Array:
         """Return the distance (N,) of points (N, 2 or 3) from the edge, negative inside; convex."""
+        # outside by Pythagoras from the nearest side or corner, inside by the nearest side
         beyond = np.stack(
             [_beyond(points[:, 0], self.x_mm), _beyond(points[:, 1], self.y_mm)], axis=-1
         )
@@ -38,7 +43,7 @@ class Rectangle:
         return np.asarray(outside + np.minimum(beyond.max(axis=-1), 0.0))
 
     def bounds_mm(self) -> tuple[Interval, Interval]:
-        """Return its sides."""
+        """Return the intervals of x and y."""
         return self.x_mm, self.y_mm
 
 
@@ -55,7 +60,7 @@ class Disc:
         return np.asarray(from_axis - self.radius_mm)
 
     def bounds_mm(self) -> tuple[Interval, Interval]:
-        """Return the square about it."""
+        """Return the intervals of x and y that hold the disc."""
         (x, y), radius = self.centre_mm, self.radius_mm
         return (x - radius, x + radius), (y - radius, y + radius)
 
@@ -75,7 +80,9 @@ class Zone:
     keeps_in: bool
 
     def clearance_mm(self, points: Array, radius_mm: float, margin_mm: float) -> Array:
-        """Return the clearance (N,) of a plate at points (N, 3), concave if kept in."""
+        """Return the clearance (N,) of a plate at points (N, 3): concave of a zone to keep in."""
+        # kept in: the worse of both directions decides. Kept out: being clear in one is enough. A
+        # largest of convex functions is convex, and its negative concave.
         aside = self.footprint.distance_mm(points)
         above = _beyond(points[:, 2], self.z_mm)
         if self.keeps_in:
@@ -85,7 +92,7 @@ class Zone:
 
 @dataclass(frozen=True, slots=True)
 class RestrictedSpace:
-    """What zones leave to the plate; everything where there are none."""
+    """Space that zones allow to the plate: all of it without zones."""
 
     zones: tuple[Zone, ...] = ()
     plate_radius_mm: float = 0.0
@@ -94,7 +101,7 @@ class RestrictedSpace:
 
     @property
     def is_restricted(self) -> bool:
-        """Whether there is any place that is not allowed."""
+        """Whether any place is not allowed."""
         return bool(self.zones)
 
     @property
@@ -116,18 +123,21 @@ class RestrictedSpace:
         """Return at which points (N, 3) a plate may be, (N,)."""
         return np.asarray((self.clearance_mm(points) >= 0.0).all(axis=1))
 
+    # A concave clearance, of a zone to keep in, is least at an end of the line. A convex one is
+    # least somewhere between. As a clearance changes by no more than the distance moved, it is
+    # nowhere below (first + last - length) / 2: lines whose bound is positive are clear without a
+    # search.
     def line_clearance_mm(self, starts: Array, ends: Array) -> Array:
         """Return the least clearance (N, Z) on straight lines between points (N, 3), by zone.
 
-        Where it is above 0 it may be only a lower bound.
+        Positive values may be lower bounds.
         """
         first, last = self.clearance_mm(starts), self.clearance_mm(ends)
         length = np.linalg.norm(ends - starts, axis=1)
-        least = np.minimum(first, last)  # of a concave function: that of zones to keep in
+        least = np.minimum(first, last)
         for place, zone in enumerate(self.zones):
             if zone.keeps_in:
                 continue
-            # no clearance changes by more than the way
             bound = 0.5 * (first[:, place] + last[:, place] - length)
             near = bound <= 0.0
             least[~near, place] = bound[~near]
@@ -138,7 +148,9 @@ class RestrictedSpace:
         return least
 
     def _least_between(self, zone: Zone, starts: Array, ends: Array) -> Array:
-        """Return the least convex clearance (N,) between points (N, 3), by golden sections."""
+        """Return the least convex clearance (N,) between points (N, 3)."""
+        # golden section search (Press et al., Numerical Recipes), all lines at once: of two inner
+        # points the one with the larger clearance becomes the new end of the interval
         along = ends - starts
         radius_mm = self.plate_radius_mm + self.margin_mm
 
@@ -146,10 +158,10 @@ class RestrictedSpace:
             return zone.clearance_mm(starts + part[:, None] * along, radius_mm, self.margin_mm)
 
         low, high = np.zeros(len(starts)), np.ones(len(starts))
-        for _ in range(SECTIONS):
-            inner, outer = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-            falls = at(inner) > at(outer)
-            low, high = np.where(falls, inner, low), np.where(falls, high, outer)
+        for _ in range(GOLDEN_SECTIONS):
+            first, second = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+            falls = at(first) > at(second)
+            low, high = np.where(falls, first, low), np.where(falls, high, second)
         return at(0.5 * (low + high))
 
     def fault(self, point: Array) -> str:
@@ -183,12 +195,14 @@ UNRESTRICTED = RestrictedSpace()
 
 @dataclass(frozen=True, slots=True)
 class Refusals:
-    """Number of poses that could be taken but for the space, of how many, and by which zone."""
+    """Counts of poses that the robot can take but the space refuses."""
 
     tried: int
+    """Number of all poses."""
     refused: int
+    """Number of refused poses."""
     by_zone: tuple[tuple[str, int], ...]
-    """A pose in two zones counts in both."""
+    """Number of poses that each zone refuses, by its name: a pose may count in two zones."""
 
 
 def count_refusals(space: RestrictedSpace, points: Array) -> Refusals:

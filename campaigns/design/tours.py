@@ -1,6 +1,11 @@
 """Tours of poses: pairs worth a distance, little travel, joints approached from both sides.
 
-Joints (N, n) are in radians of a crank, or in what compares with them.
+The order of shots is a travelling salesman's problem whose cities are pairs of shots: both shots of
+a pair follow each other, in either sense. A short tour saves time, and drift with it. Nearest
+neighbour and 2-opt are enough: the balance of approaches lengthens the shortest tour again.
+
+The distance between shots is the time of a coordinated move: the longest joint's travel. Joints
+(N, n) are in radians of a crank, or carriages' travel in units that compare with them.
 """
 
 from collections.abc import Iterator
@@ -11,9 +16,9 @@ import numpy as np
 from campaigns.arrays import Array, Index, Mask
 
 WORTHWHILE_PAIR_MM = 250.0
-"""Distance of a pair that determines enough; neighbours on the shortest tour are nearer."""
+"""Distance from which a pair determines enough; neighbours on the shortest tour are nearer."""
 SHORTNESS_RAD_PER_MM = 0.1
-"""Cost of a pair too short, against the travel between its ends."""
+"""Cost of each mm by which a pair is too short, as travel between its ends."""
 EVEN_SHARE = (0.37, 0.63)
 """Share of approaches from smaller angles that separates backlash from the joints' offsets; drift
 shots, which enter the tour later, turn another 0.02."""
@@ -22,11 +27,10 @@ LEAST_GAIN_RAD = 1e-9
 
 
 def neighbouring_pairs(joints: Array, points_mm: Array, start: Array) -> Index:
-    """Pair an even number of rows, near each other in joints (N, n) but not in space, (N/2, 2).
-
-    From consecutive shots of a short tour, ends are exchanged while travel within the pairs falls,
-    pairs shorter than 250 mm counting as long ways.
-    """
+    """Pair an even number of rows, near each other in joints (N, n) but not in space, (N/2, 2)."""
+    # 1. Tour of single shots, each as a pair of itself: consecutive shots are the first pairs.
+    # 2. Exchange ends between pairs while the cost falls: the travel within pairs, and a penalty
+    #    for pairs shorter than 250 mm. Each exchange lowers the cost, so the rounds end.
     single = np.repeat(np.arange(len(joints))[:, None], 2, axis=1)
     pairs = shortest_tour(joints, single, start)[:, 0].reshape(-1, 2)
     cost = travel_rad(joints[:, None], joints)
@@ -39,9 +43,9 @@ def neighbouring_pairs(joints: Array, points_mm: Array, start: Array) -> Index:
 
 def _end_exchanged(pairs: Index, cost: Array, row: int) -> bool:
     """Exchange, in place, the row's second end for the end of another pair that saves most."""
+    # (first, second), (a, b) → (first, a), (second, b) or (first, b), (second, a): saved (M, 2)
     first, second = pairs[row]
     now = cost[first, second] + cost[pairs[:, 0], pairs[:, 1]]
-    # saved by taking each pair's end; what is left over goes to that pair
     saved = now[:, None] - cost[first, pairs] - cost[second, pairs[:, ::-1]]
     saved[row] = 0.0
     other, end = np.unravel_index(int(np.argmax(saved)), saved.shape)
@@ -54,7 +58,7 @@ def _end_exchanged(pairs: Index, cost: Array, row: int) -> bool:
 def positive_approach_shares(joints: Array, start: Array, counted: Mask) -> Array:
     """Return the share of counted shots (N,) at which each joint came from a smaller angle, (n,).
 
-    Ways between shots are taken as straight; joints (N, n) are in the order of the shots.
+    Moves between shots are taken as straight; joints (N, n) are in the order of the shots.
     """
     rising = np.diff(np.vstack([start, joints]), axis=0) > 0.0
     return np.asarray(rising[counted].mean(axis=0))
@@ -63,10 +67,13 @@ def positive_approach_shares(joints: Array, start: Array, counted: Mask) -> Arra
 def balance_approaches(joints: Array, pairs: Index, start: Array, counted: Mask) -> Index:
     """Order pairs (M, 2) with little travel so that joints are approached from both sides.
 
-    `counted` (N,) says which rows of joints the shares are taken of. Stretches of the shortest tour
-    are reversed, those that lengthen it least first, until every share lies within `EVEN_SHARE` or
-    no reversal helps; with a handful of shots that may be so.
+    `counted` (N,) are the rows of joints whose shares count. With a handful of shots no order may
+    bring every share within `EVEN_SHARE`.
     """
+    # Backlash leaves a joint behind by half of it, on the side of the approach: shots that all come
+    # from one side determine only its sum with the joint's offset. Beginning with the shortest
+    # tour, reverse the one stretch that balances best, of equally good ones that with the least
+    # travel, until all shares are even or no reversal helps.
     tour = shortest_tour(joints, pairs, start)
     if not counted.any():
         return tour
@@ -83,7 +90,7 @@ def balance_approaches(joints: Array, pairs: Index, start: Array, counted: Mask)
 
 
 def _reversals(tour: Index) -> Iterator[Index]:
-    """Yield the tour with each stretch reversed, its pairs turned round too."""
+    """Yield the tour with each stretch reversed, the shots of its pairs too."""
     for first, last in combinations_with_replacement(range(len(tour)), 2):
         trial = tour.copy()
         trial[first : last + 1] = tour[first : last + 1][::-1, ::-1]
@@ -99,16 +106,13 @@ def _imbalance(tour: Index, joints: Array, start: Array, counted: Mask) -> float
 
 
 def _travel(tour: Index, joints: Array, start: Array) -> float:
-    way = np.vstack([start, joints[tour.ravel()]])
-    return float(travel_rad(way[:-1], way[1:]).sum())
+    """Return the travel of the whole tour from `start`."""
+    stops = np.vstack([start, joints[tour.ravel()]])
+    return float(travel_rad(stops[:-1], stops[1:]).sum())
 
 
 def shortest_tour(joints: Array, pairs: Index, start: Array) -> Index:
-    """Order pairs (M, 2), and turn them round, so that the joints' travel is short.
-
-    Nearest neighbour from `start`, then reversal of stretches (2-opt) while that helps. A
-    stretch reversed turns its pairs round too, so only the two joins change.
-    """
+    """Order pairs (M, 2), and their shots, so that the joints' travel from `start` is short."""
     return _two_opt(_nearest_neighbour(joints, pairs, start), joints, start)
 
 
@@ -118,6 +122,7 @@ def travel_rad(from_rad: Array, to_rad: Array) -> Array:
 
 
 def _nearest_neighbour(joints: Array, pairs: Index, start: Array) -> Index:
+    """Order pairs (M, 2): each next one is that with the nearest end, which comes first."""
     remaining, here, ordered = list(range(len(pairs))), start, []
     while remaining:
         to_ends = travel_rad(here, joints[pairs[remaining]])
@@ -128,12 +133,17 @@ def _nearest_neighbour(joints: Array, pairs: Index, start: Array) -> Index:
     return np.array(ordered, dtype=np.intp).reshape(-1, 2)
 
 
+# 2-opt (Croes 1958): reverse a stretch of the tour while that shortens it. A reversed stretch has
+# its pairs turned round too, so the moves inside stay, and only its two joins change. Stretches are
+# tried from every first pair, in later rounds only from those next to a change of the round before
+# ("don't look bits", Bentley 1992). Where no change is left, all are tried once more.
 def _two_opt(pairs: Index, joints: Array, start: Array) -> Index:
-    looked_at = np.ones(max(len(pairs) - 1, 0), dtype=np.bool_)
+    """Return pairs (M, 2) after all reversals that shorten the tour; the array is changed."""
+    is_due = np.ones(max(len(pairs) - 1, 0), dtype=np.bool_)
     ends = np.ascontiguousarray(joints[pairs].transpose(1, 2, 0))
-    while looked_at.any():
-        near_changes = np.zeros_like(looked_at)
-        for first in np.flatnonzero(looked_at).tolist():
+    while is_due.any():
+        near_changes = np.zeros_like(is_due)
+        for first in np.flatnonzero(is_due).tolist():
             gains = _gains_rad(ends, start, first)
             best = int(np.argmax(gains))
             if gains[best] > LEAST_GAIN_RAD:
@@ -144,14 +154,16 @@ def _two_opt(pairs: Index, joints: Array, start: Array) -> Index:
                 for join in (first, last):
                     near_changes[max(join - 1, 0) : join + 2] = True
         if not near_changes.any():
-            # elsewhere hardly anything is left to find, but all of it is looked at once more
-            near_changes[:] = not looked_at.all()
-        looked_at = near_changes
+            near_changes[:] = not is_due.all()
+        is_due = near_changes
     return pairs
 
 
+# Before: before → entry of the first … exit of the last → after. Reversed: before → exit of the
+# last … entry of the first → after. Gains are those of all last pairs at once; behind the tour's
+# last pair nothing follows, so that its join does not count.
 def _gains_rad(ends: Array, start: Array, first: int) -> Array:
-    """Return by how much reversing the pairs from `first` to each later one shortens the way.
+    """Return by how much reversing the pairs from `first` to each later one shortens the tour.
 
     `ends` (2, n, M) are the joints of the pairs' ends.
     """
@@ -164,5 +176,5 @@ def _gains_rad(ends: Array, start: Array, first: int) -> Array:
 
 
 def _travel_by_joint(from_rad: Array, to_rad: Array) -> Array:
-    """Return the travel of joints (n, M), which are faster to compare in this order."""
+    """Return the travel (M,) between joints (n, M), which are faster to compare in this order."""
     return np.asarray(np.abs(to_rad - from_rad).max(axis=0))

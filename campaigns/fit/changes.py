@@ -1,20 +1,24 @@
 """Changes in time: a part that moved, a stand that was bumped, a shot that went wrong.
 
-A candidate is a part and a span of shots: its column over that span, with a normal prior of the
-size that such a change usually has. All other unknowns are integrated out, so its Bayes factor
+Theory of operation. A fit goes in; a fit with the changes that its shots show comes out. A
+candidate is a part and a span of shots: the part's column c over that span, with a normal prior of
+the size that such a change usually has. All other unknowns are integrated out, so its Bayes factor
 against "nothing changed" is
 
     log B = ½ s'(I + 1)⁻¹ s - ½ log |I + 1|,   s = Σ c'W r,   I = Σ c'W c - (Σ c'W A) C (Σ A'W c)
 
-A step stays to the end; the frame may also be taken back (a stand that is bumped and put right).
-By Markov's inequality the mean Bayes factor over all candidates exceeds 1 / α with at most the
-probability α if nothing changed. A single wrong shot has its own alarm, the largest misfit of N;
-where both alarm, the larger Bayes factor decides. What wins is added to the model, and the fit is
-repeated, until nothing alarms. Later changes may explain what an earlier one was added for (an
-interval before both of its steps were found): a change that the others make less likely than no
-change is taken out, by its Bayes factor from prior and posterior at zero (Savage and Dickey).
+1. Scan: the Bayes factors of all candidates. A step lasts to the last shot; the frame may also be
+   taken back (a stand that is bumped and put right).
+2. Alarm: by Markov's inequality the mean Bayes factor over all candidates exceeds 1 / α with at
+most
+   the probability α if nothing changed. A single wrong shot has its own alarm, the largest misfit
+   of N. Where both alarm, the larger Bayes factor decides.
+3. Add the winner to the model (a column, or weight 0 for a shot), fit again, and scan again, until
+   nothing alarms.
+4. Later changes may explain what an earlier one was added for (an interval before both of its steps
+   were found). A change that the others make less likely than no change is taken out.
 
-Several parts often explain the same change nearly as well: the set of them is reported, not one.
+Several parts often explain one change nearly as well: all of them are reported, not the best alone.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,9 +33,9 @@ from campaigns.fit.error_sources import DEG
 from campaigns.fit.posterior import Posterior, Prior, fit
 
 ALARM = 0.01
-"""Probability of a false alarm of a campaign in which nothing changed."""
+"""Probability α of a false alarm of a campaign in which nothing changed."""
 FEWEST_SHOTS = 3
-"""Shots of a span: fewer are single wrong shots."""
+"""Least number of shots in a span: fewer are single wrong shots."""
 INTERVAL_ENDS = 60
 """Shots at which an interval of the frame may begin or end, spread over the campaign."""
 MOST_CHANGES = 12
@@ -54,7 +58,7 @@ PARTS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Change that was found: its likeliest part, its shots, and parts that explain it as well."""
+    """Change: its likeliest part, its shots, and all parts that explain it nearly as well."""
 
     part: str
     since: int
@@ -63,12 +67,15 @@ class Change:
     """Row behind the last changed shot."""
     parts: tuple[str, ...]
     size: float
-    """Its surest component: mm, of a frame at one of the points, or rad of an encoder."""
+    """Component of the change that is largest in its 1 σ: mm, of a frame at one of the points, or
+    rad of an encoder."""
     std: float
+    """1 σ of the size, in its unit."""
 
 
 Candidates = Mapping[str, tuple[Index, Array]]
-"""Candidates by part: spans of rows (M, 2) and log Bayes factors (M,)."""
+"""Candidates by part: spans of rows (M, 2), first and behind the last, and log Bayes factors
+(M,)."""
 
 
 def fit_with_changes(
@@ -83,16 +90,16 @@ def fit_with_changes(
     """
     result = fit(model, observations, prior, kept)
     changes: list[Change] = []
-    while len(changes) < MOST_CHANGES and (change := _likeliest(result)) is not None:
+    while len(changes) < MOST_CHANGES and (change := _likeliest_change(result)) is not None:
         changes.append(change)
-        result = _refitted(result, observations, prior, changes)
-    while (place := _superfluous(result, changes)) is not None:
-        del changes[place]
-        result = _refitted(result, observations, prior, changes)
-    return result, tuple(_sized(result, changes))
+        result = _fit_again(result, observations, prior, changes)
+    while (number := _superfluous_change(result, changes)) is not None:
+        del changes[number]
+        result = _fit_again(result, observations, prior, changes)
+    return result, tuple(_with_sizes(result, changes))
 
 
-def _refitted(
+def _fit_again(
     before: Posterior, observations: Observations, prior: Prior | None, changes: Sequence[Change]
 ) -> Posterior:
     """Fit with a column for each change over its shots, and without the wrong shots."""
@@ -109,7 +116,9 @@ def _refitted(
     return fit(before.model, observations, prior, kept, start=before, changes=stacked)
 
 
-def _places(posterior: Posterior, changes: Sequence[Change]) -> Iterator[tuple[int, slice]]:
+def _places_of_changes(
+    posterior: Posterior, changes: Sequence[Change]
+) -> Iterator[tuple[int, slice]]:
     """Yield the number of each change that has columns, and the places of its unknowns."""
     columns, place = part_columns(posterior), len(posterior.model.names)
     for number, change in enumerate(changes):
@@ -119,10 +128,12 @@ def _places(posterior: Posterior, changes: Sequence[Change]) -> Iterator[tuple[i
             place += count
 
 
-def _superfluous(posterior: Posterior, changes: Sequence[Change]) -> int | None:
+# Savage-Dickey ratio: the Bayes factor of a change is the prior's density at "no change" over the
+# posterior's. With prior N(0, 1) and posterior N(x, C) that is log B = ½ x'C⁻¹x + ½ log |C|.
+def _superfluous_change(posterior: Posterior, changes: Sequence[Change]) -> int | None:
     """Return the number of the change that the others make least likely, None if all are likely."""
     log_factors = {}
-    for number, places in _places(posterior, changes):
+    for number, places in _places_of_changes(posterior, changes):
         x, covariance = posterior.at.x[places], posterior.covariance[places, places]
         misfit = x @ np.linalg.solve(covariance, x)
         log_factors[number] = 0.5 * misfit + 0.5 * np.linalg.slogdet(covariance)[1]
@@ -130,13 +141,16 @@ def _superfluous(posterior: Posterior, changes: Sequence[Change]) -> int | None:
     return min(unlikely, key=log_factors.__getitem__, default=None)
 
 
+# Columns are derivatives times the usual change, so that the prior of every candidate is N(0, 1).
+# Derivatives in the posterior are by tolerances, hence the division by these.
 def part_columns(posterior: Posterior) -> dict[str, Array]:
-    """Return how the points move by a usual change of each part, (N, 3, k) by its name."""
+    """Return how the points move by a usual change of each part, (N, 3, k) mm by its name."""
     model, jacobian = posterior.model, posterior.at.jacobian
     mechanism = model.nominal.mechanism
     table = mechanism.parameters
     count = len(jacobian)
     columns = {SHOT: np.broadcast_to(WRONG_SHOT_MM * np.eye(3), (count, 3, 3))}
+    # a shot has columns of its own session's frame alone: their sum is a bump of any session
     frames = range(len(posterior.at.x), jacobian.shape[2], 6)
     frame = sum(jacobian[..., first : first + 6] for first in frames)
     scale = np.array([TURN_MRAD] * 3 + [STEP_MM] * 3)
@@ -152,13 +166,16 @@ def part_columns(posterior: Posterior) -> dict[str, Array]:
                 if table[name].arm == arm and table[name].field.stem in PARTS[part]
             ]
             if places:
-                unit = STEP_MM / model.tolerance[places]
-                columns[f"{part} {arm}"] = jacobian[..., places] * unit
+                columns[f"{part} {arm}"] = jacobian[..., places] * (
+                    STEP_MM / model.tolerance[places]
+                )
     return columns
 
 
+# Covariance of a residual: V - A C A' of a shot that was fitted, for the fit has followed it, and
+# V + A C A' of one that was not (data snooping, Baarda 1968).
 def misfits(posterior: Posterior) -> Array:
-    """Return χ²(3) of every shot by its residual's own covariance, (N,), kept or not."""
+    """Return χ²(3) of every shot by the covariance of its residual, (N,), kept or not."""
     jacobian = posterior.at.jacobian
     by_unknowns = jacobian @ posterior.covariance @ jacobian.swapaxes(1, 2)
     sign = np.where(posterior.kept, -1.0, 1.0)[:, None, None]
@@ -175,7 +192,7 @@ def log_factors_since_prior(posterior: Posterior) -> dict[str, float]:
     stand is flat and shows no change.
     """
     whole = np.array([[0, len(posterior.kept)]])
-    candidates = _scanned(posterior, {}, whole).items()
+    candidates = _scan(posterior, {}, whole).items()
     return {
         part: float(log_factors[0])
         for part, (_, log_factors) in candidates
@@ -183,31 +200,43 @@ def log_factors_since_prior(posterior: Posterior) -> dict[str, float]:
     }
 
 
-def _scanned(posterior: Posterior, spans_of: Mapping[str, Index], otherwise: Index) -> Candidates:
-    """Return the candidates of each part over its spans, `otherwise` those of all others."""
-    weighted = posterior.weights @ posterior.at.jacobian
-    pulls = posterior.weights @ posterior.at.residual[..., None]
+# Linear Gaussian model: with the column c and its unknown z ~ N(0, 1) the residual r has the
+# covariance M + c c' instead of M, where M⁻¹ = W - W A C A' W has all other unknowns integrated
+# out. Woodbury's identity turns the ratio of both densities into log B of the module's text, with I
+# = c' M⁻¹ c. At the minimum of χ² the score c' M⁻¹ r_0 of the prior's residual r_0 is c'W r of the
+# fitted one. Sums over spans come from running sums, so that many spans cost little more than one.
+def _scan(posterior: Posterior, spans_of: Mapping[str, Index], otherwise: Index) -> Candidates:
+    """Return the candidates of each part over its spans, `otherwise` for parts without spans."""
+    weighted_jacobian = posterior.weights @ posterior.at.jacobian
+    weighted_residual = posterior.weights @ posterior.at.residual[..., None]
     candidates = {}
     for part, columns in part_columns(posterior).items():
         spans, transposed = spans_of.get(part, otherwise), columns.swapaxes(1, 2)
-        score = _over_spans(transposed @ pulls, spans)
-        shared = _over_spans(transposed @ weighted, spans)
-        alone = _over_spans(transposed @ (posterior.weights @ columns), spans)
-        scatter = alone - shared @ posterior.covariance @ shared.swapaxes(1, 2)
-        matrix = scatter + np.eye(columns.shape[2])
+        score = _sum_over_spans(transposed @ weighted_residual, spans)  # s, (M, k, 1)
+        shared = _sum_over_spans(transposed @ weighted_jacobian, spans)  # c'W A, (M, k, Q)
+        alone = _sum_over_spans(transposed @ (posterior.weights @ columns), spans)  # c'W c
+        information = alone - shared @ posterior.covariance @ shared.swapaxes(1, 2)  # I
+        matrix = information + np.eye(columns.shape[2])
         gain = (score * np.linalg.solve(matrix, score))[..., 0].sum(axis=1)
         log_factors = 0.5 * gain - 0.5 * np.linalg.slogdet(matrix)[1]
         candidates[part] = spans, log_factors
     return candidates
 
 
-def _over_spans(rows: Array, spans: Index) -> Array:
+def _sum_over_spans(rows: Array, spans: Index) -> Array:
     """Return the sums of rows (N, …) over spans (M, 2), as differences of running sums."""
     sums = np.concatenate([np.zeros((1, *rows.shape[1:])), np.cumsum(rows, axis=0)])
     return np.asarray(sums[spans[:, 1]] - sums[spans[:, 0]])
 
 
-def _likeliest(posterior: Posterior) -> Change | None:
+# 1. Spans: steps of every part at every shot; of the frame also intervals between at most 60 shots,
+#    for all pairs of shots would be too many; single shots.
+# 2. Alarm of lasting changes: log of the sum of M Bayes factors above log(M / α), which is their
+#    mean above 1 / α. Alarm of a shot: its χ²(3) above the level α / N (Bonferroni).
+# 3. Among what alarms, the candidate with the largest Bayes factor.
+# 4. The evidence of a part is the sum of Bayes factors over its spans: where the shot of the change
+#    is uncertain, its neighbours count too.
+def _likeliest_change(posterior: Posterior) -> Change | None:
     """Return the likeliest change that alarms, or None."""
     count = len(posterior.kept)
     starts = np.arange(FEWEST_SHOTS, count - FEWEST_SHOTS + 1)
@@ -217,18 +246,18 @@ def _likeliest(posterior: Posterior) -> Change | None:
     intervals = np.array(pairs, dtype=np.intp).reshape(-1, 2)
     shots = np.stack([np.arange(count), np.arange(count) + 1], axis=1)
     spans_of = {SHOT: shots, FRAME: np.concatenate([steps, intervals])}
-    candidates = _scanned(posterior, spans_of, steps)
+    candidates = _scan(posterior, spans_of, steps)
     by_part = {part: log_factors for part, (_, log_factors) in candidates.items()}
     lasting = np.concatenate([by_part[part] for part in by_part if part != SHOT])
-    steps_alarm = (
+    lasting_alarm = (
         scipy.special.logsumexp(lasting) > np.log(len(lasting) / ALARM) if len(lasting) else False
     )
     misfit = np.where(posterior.kept, misfits(posterior), 0.0)
     shot_alarms = misfit.max() > scipy.special.chdtri(3, ALARM / len(misfit))
-    allowed = [part for part in by_part if (shot_alarms if part == SHOT else steps_alarm)]
-    if not allowed:
+    alarming = [part for part in by_part if (shot_alarms if part == SHOT else lasting_alarm)]
+    if not alarming:
         return None
-    best = max(allowed, key=lambda part: by_part[part].max())
+    best = max(alarming, key=lambda part: by_part[part].max())
     if best == SHOT:
         worst = int(misfit.argmax())
         return Change(SHOT, worst, worst + 1, (SHOT,), 0.0, 0.0)
@@ -242,14 +271,17 @@ def _likeliest(posterior: Posterior) -> Change | None:
 
 
 def likely_parts(evidence: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the parts whose log evidence comes close to the best one's, that one first."""
+    """Return the parts whose log evidence is close to the best part's, the best part first."""
     order = sorted(evidence, key=evidence.__getitem__, reverse=True)
     return tuple(part for part in order if evidence[part] > evidence[order[0]] - INDISTINCT)
 
 
-def _sized(posterior: Posterior, changes: Sequence[Change]) -> Iterator[Change]:
+# The unknowns x of a change are in usual changes. `moves` (m, k) turns them into sizes moves · x
+# with variances diag(moves C moves'): mm or rad of each unknown, or of a frame the shifts of its
+# points. The size with the largest |size| / σ is reported.
+def _with_sizes(posterior: Posterior, changes: Sequence[Change]) -> Iterator[Change]:
     """Yield the changes with their sizes: of a frame at its points, of shots as residuals."""
-    columns, places_of = part_columns(posterior), dict(_places(posterior, changes))
+    columns, places_of = part_columns(posterior), dict(_places_of_changes(posterior, changes))
     revolute = posterior.model.nominal.mechanism.joints[0].is_revolute
     for number, change in enumerate(changes):
         if change.part == SHOT:

@@ -1,16 +1,24 @@
-"""Choice of shots: those after which the positions of the robot are known best.
+"""Choice of shots by an optimal design: the poses after which positions are least uncertain.
 
-After shots with whitened derivatives J_i (3, Q) the posterior covariance is C = (P + Σ J'J)⁻¹, with
-the priors' precision P. What is minimised is the mean variance of positions over the workspace,
-tr(B C B'), with derivatives B without the frame's motion. A shot added to C
-lowers it by tr(A⁻¹ J C B'B C J'), A = 1 + J C J', a shot taken away raises it by the same with
-A = 1 - J C J'. The products J C and J C B' of all candidates follow each
-change by a term of rank 3.
+Theory of operation. Candidates are poses with whitened derivatives J_i (3, Q) of a point there by
+all unknowns. After the chosen shots the posterior covariance is C = (P + Σ J_i'J_i)⁻¹, with the
+priors' precision P. It depends on poses alone, so a plan can be judged before anything is measured.
+Minimised is the mean variance of positions over the workspace, tr(B C B'), with derivatives B
+without the frame's motion: I-optimality (also V-optimality), the quantity that users ask about,
+where D-optimality would weigh parameters that move no position.
 
 1. Greedy: add the best candidate, one after the other.
-2. Exchange: take each chosen shot away and add the best candidate instead, until none changes.
+2. Exchange (Fedorov 1972): take each chosen shot away and add the best candidate instead, until no
+   shot changes.
 
-Greedy choice alone comes within 10 % of the best σ known, exchange within 5 %.
+A shot more or less changes C by a term of rank 3 (Woodbury's identity). With A = 1 ± J C J'
+
+    C ← C ∓ C J' A⁻¹ J C          tr(B C B') falls or rises by tr(A⁻¹ J C B' B C J')
+
+so that all candidates are judged at once from the products J C and J C B', which follow each change
+by a term of rank 3 as well: no matrix is inverted again for a trial.
+
+Greedy choice alone comes within 10 % of the best σ that was found, exchange within 5 %.
 """
 
 from dataclasses import dataclass, field
@@ -19,43 +27,48 @@ import numpy as np
 
 from campaigns.arrays import Array
 
-EXCHANGE_ROUNDS = 3
-"""Rounds of exchange at most: later ones change little."""
+MOST_EXCHANGE_ROUNDS = 3
+"""Largest number of rounds of exchange: later ones change little."""
 
 
 @dataclass(eq=False)
 class ShotDesign:
-    """Shots chosen among candidates, and what they make known."""
+    """Shots chosen among candidates, and the posterior covariance after them."""
 
     jacobians: Array
-    """Whitened derivatives of the candidates by all unknowns, (M, 3, Q)."""
+    """Whitened derivatives J of the candidates by all unknowns, (M, 3, Q)."""
     prior: Array
-    """Precision of the unknowns before any shot, (Q, Q), positive definite."""
+    """Precision P of the unknowns before any shot, (Q, Q), positive definite."""
     judged: Array
-    """Derivatives of the judged positions by all unknowns, (K, Q)."""
+    """Derivatives B of the judged positions by all unknowns, (K, Q); from then on a matrix of at
+    most Q rows with B'B over the number of positions."""
     chosen: list[int] = field(default_factory=list)
+    """Rows of the chosen candidates, in the order of their choice."""
 
     def __post_init__(self) -> None:
+        # B enters as B'B alone, and so does its factor R of B = QR, which has few rows; K / 3 is
+        # the number of positions, which makes a sum over them a mean
         self.judged = np.linalg.qr(self.judged, mode="r") / np.sqrt(len(self.judged) / 3.0)
         self._restart()
 
     def _restart(self) -> None:
-        """Form all products again from what is chosen: rounding of many changes is left behind."""
+        """Form all products again from the chosen shots, without the rounding of many changes."""
         rows = self.jacobians[self.chosen].reshape(-1, self.jacobians.shape[2])
         self.covariance = np.linalg.inv(self.prior + rows.T @ rows)
-        self._products = self.jacobians @ self.covariance
-        self._judged = self._products @ self.judged.T
+        self._products = self.jacobians @ self.covariance  # J C, (M, 3, Q)
+        self._judged_products = self._products @ self.judged.T  # J C B', (M, 3, R)
 
     @property
     def position_std_mm(self) -> float:
-        """Root of the mean variance of positions over the workspace, mm."""
+        """Root of the mean variance tr(B C B') of positions over the workspace, mm."""
         spread = self.judged @ self.covariance
         return float(np.sqrt((spread * self.judged).sum()))
 
     def add_best(self) -> int:
-        """Add the candidate that lowers the variance of positions most; return it."""
-        inner = self._products @ self.jacobians.swapaxes(1, 2) + np.eye(3)
-        gain = (self._judged * np.linalg.solve(inner, self._judged)).sum(axis=(1, 2))
+        """Add the candidate that lowers the variance of positions most; return its row."""
+        inner = self._products @ self.jacobians.swapaxes(1, 2) + np.eye(3)  # A, (M, 3, 3)
+        scaled = np.linalg.solve(inner, self._judged_products)
+        gain = (self._judged_products * scaled).sum(axis=(1, 2))
         gain[self.chosen] = -np.inf
         best = int(gain.argmax())
         self._change(best, 1.0)
@@ -63,15 +76,16 @@ class ShotDesign:
         return best
 
     def add_until(self, count: int, std_mm: float | None = None) -> None:
-        """Add shots until there are `count` of them, or positions are known to `std_mm`."""
+        """Add shots until there are `count` of them, or σ of positions is `std_mm` or less."""
         while len(self.chosen) < count and not (std_mm and self.position_std_mm <= std_mm):
             self.add_best()
         self._restart()
 
     def exchange(self) -> None:
         """Exchange chosen shots for better candidates until none changes."""
-        for _ in range(EXCHANGE_ROUNDS):
+        for _ in range(MOST_EXCHANGE_ROUNDS):
             before = set(self.chosen)
+            # a shot that is the best one itself comes back at once
             for shot in list(self.chosen):
                 self._change(shot, -1.0)
                 self.chosen.remove(shot)
@@ -84,8 +98,8 @@ class ShotDesign:
         """Add (+1) or take away (-1) a shot from the covariance and all products."""
         jacobian, product = self.jacobians[shot], self._products[shot]
         inner = np.eye(3) + sign * jacobian @ product.T  # A of the module's text
-        mixed = sign * (self.jacobians @ product.T)
-        change = np.linalg.solve(inner, product)
+        change = np.linalg.solve(inner, product)  # A⁻¹ J C
         self.covariance = self.covariance - sign * product.T @ change
+        mixed = sign * (self.jacobians @ product.T)  # J of all candidates · C J'
         self._products -= mixed @ change
-        self._judged -= mixed @ np.linalg.solve(inner, self._judged[shot])
+        self._judged_products -= mixed @ np.linalg.solve(inner, self._judged_products[shot])

@@ -1,11 +1,18 @@
 """Model of measured points: a nominal robot, all its sources of error, and the tracker's frame.
 
-    y_i = R_f(i) X(p; joints_i) + t_f(i) + tracker's own errors(y_i) + e_i
+Theory of operation. A shot i is a reading of all joints and a point y_i that the tracker measured:
 
-X is the kinematic model with parameters p, f(i) the frame of shot i's session. Unknowns are
+    y_i = R_f(i) X(p; joints_i) + t_f(i) + Σ_k x_k c_k(y_i) + e_i
+
+X is the kinematic model with parameters p, R and t the frame of the shot's session f(i), c_k the
+columns of the tracker's errors, e_i noise. Every source of error that has a column is always in the
+model as an unknown with a prior of mean 0: there is no choice of a model to make. Unknowns x are
 deviations from nominal in units of their tolerances, so that every prior is N(0, ρ²) with a size ρ
-that is 1 for a part as good as its tolerance. The six unknowns of each frame are flat: a turn in
-mrad and a shift in mm.
+that is 1 for parts within their tolerance; this also scales the columns for the linear algebra. The
+six unknowns of each frame are flat, without a prior: a turn in mrad and a shift in mm.
+
+`ErrorModel.linearise` returns residuals, predicted less measured, and their derivatives: everything
+that the fit (`posterior.py`), the plan and the uncertainty are computed from.
 """
 
 from collections.abc import Collection, Mapping
@@ -24,8 +31,8 @@ from campaigns.kinematics.parameters import INNER, Role, Unit
 
 MRAD = 1e-3
 GROSS_MEDIANS = 6.0
-"""Medians of the distances from the nominal robot's points beyond which a point is of another
-target: it never is an error of the robot."""
+"""Distance from the nominal robot's points, in medians of all distances, beyond which a point is of
+another target and no error of the robot."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +51,7 @@ class Observations:
     """Covariance by part, (N, 3, 3) each: "stated" is taken as it is; the factors of "along" and
     "across" the beam, of data-sheet values, are estimated."""
     frame: Index
-    """Which frame a shot's session has, (N,), counted from 0."""
+    """Number of the frame of each shot's session, (N,), counted from 0."""
     warmth: Array
     """Degrees by which parts are warmer than the reference, (N,); 0 where unknown."""
 
@@ -53,7 +60,7 @@ class Observations:
 
     @classmethod
     def unmeasured(cls, joints: Array, near: Array, approach: Array | None = None) -> Self:
-        """Return the observations of joints (N, n) at poses (N, t) of which no point is known."""
+        """Return observations of joints (N, n) at poses (N, t) that are not measured yet."""
         return cls(
             joints=joints,
             approach=np.zeros_like(joints) if approach is None else approach,
@@ -65,7 +72,7 @@ class Observations:
         )
 
     def rows(self, rows: Index | Mask) -> "Observations":
-        """Return the observations of some rows."""
+        """Return the observations of these rows."""
         arrays = (self.joints, self.approach, self.near, self.points)
         joints, approach, near, points = (values[rows] for values in arrays)
         noise = {part: covariance[rows] for part, covariance in self.noise.items()}
@@ -76,7 +83,7 @@ class Observations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linearised:
-    """The model at some unknowns: residuals and their derivatives, in the tracker's frame."""
+    """Model at given unknowns: residuals and their derivatives, in the tracker's frame."""
 
     x: Array
     """Unknowns in tolerances, (Q - 6 F,): of the model, then of added changes."""
@@ -88,7 +95,7 @@ class Linearised:
     jacobian: Array
     """∂residual/∂(unknowns, frames), (N, 3, Q)."""
     by_joint: Array
-    """∂point/∂joints, (N, 3, n)."""
+    """∂point/∂joints, (N, 3, n), mm per rad or mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,13 +110,14 @@ class ErrorModel:
     group_tolerances: Mapping[str, float] = field(default_factory=dict)
     """Tolerances instead of the table's, by a tracker's source or by group and unit: `rods_deg`."""
     with_growth: bool = False
-    """Whether shots have temperatures of parts, which determine how these grow."""
+    """Whether shots have temperatures of parts, from which the expansion of parts is estimated."""
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the unknowns, (P,): parameters of the robot, then sources of the tracker."""
         mechanism = self.nominal.mechanism
         table, has_rate = mechanism.parameters, mechanism.rate != 0.0
+        # a ripple of unknown period and the growth of parts without temperatures have no columns
         names = [
             parameter.name
             for parameter in table.rows
@@ -125,7 +133,7 @@ class ErrorModel:
 
     @cached_property
     def places(self) -> Index:
-        """Places of these parameters in a vector of the mechanism's `model`."""
+        """Places of these parameters in a vector of the mechanism's parameters."""
         return self.nominal.mechanism.parameters.places(self.parameters)
 
     @cached_property
@@ -167,20 +175,20 @@ class ErrorModel:
         for place, (name, group) in enumerate(zip(self.names, self.groups, strict=True)):
             if SOURCES[group].is_learned and name not in self.tolerances:
                 rows.setdefault(group, []).append(place)
-        return {group: np.array(own) for group, own in rows.items()}
+        return {group: np.array(places) for group, places in rows.items()}
 
     def kinematics(self, x: Array) -> Kinematics:
         """Return the robot with the deviations `x` (P or more,) in tolerances."""
-        p = self.nominal.whole_p
-        in_robot = self.places < len(p)
-        change = (x[: len(self.parameters)] * self.tolerance[: len(self.parameters)])[in_robot]
-        p[self.places[in_robot]] += change
+        p, count = self.nominal.whole_p, len(self.parameters)
+        in_robot = self.places < len(p)  # growth is no parameter of a robot
+        change = x[:count] * self.tolerance[:count]
+        p[self.places[in_robot]] += change[in_robot]
         return Kinematics(self.nominal.mechanism, p)
 
     def positions(
         self, x: Array, observations: Observations, near: Array
     ) -> tuple[Kinematics, Assembly]:
-        """Return the robot at `x`, and where it assembles at the observed joints."""
+        """Return the robot at `x`, and its assembly at the observed joints."""
         robot = self.kinematics(x)
         assembly = robot.mechanism.assemble(
             robot.p, observations.joints, near, observations.approach
@@ -190,14 +198,15 @@ class ErrorModel:
     def robot_columns(
         self, robot: Kinematics, observations: Observations, unknowns: Array
     ) -> tuple[Array, Array]:
-        """Return ∂position/∂x (N, 3, P) in the base frame, without the tracker's, and by joints.
+        """Return ∂position/∂x (N, 3, P) and ∂position/∂joints (N, 3, n) in the base frame.
 
-        `unknowns` (N, k) are the plate's, of the assembly at the joints.
+        Columns of the tracker's sources are 0. `unknowns` (N, k) are the plate's, of the assembly
+        at the joints.
         """
         mechanism, table = robot.mechanism, robot.mechanism.parameters
         by_p = mechanism.jacobian(robot.p, observations.joints, unknowns, observations.approach)
         by_p = by_p[:, :3]
-        by_joint = by_p[..., table.columns["joint_offset"]]
+        by_joint = by_p[..., table.columns["joint_offset"]]  # an offset moves as its joint does
         if self.with_growth:
             grown = mechanism.growth_columns(robot.p, by_p, observations.joints)
             by_p = np.concatenate([by_p, grown * observations.warmth[:, None, None]], axis=2)
@@ -206,6 +215,12 @@ class ErrorModel:
         columns[..., :count] = by_p[..., self.places] * self.tolerance[:count]
         return columns, by_joint
 
+    # 1. Assemble the robot at the unknowns, and differentiate its positions by all parameters.
+    # 2. Growth: no parameter of the robot, so its linear columns times its unknowns are added.
+    # 3. Turn positions and columns into the tracker's frame, each shot by its session's.
+    # 4. Tracker: columns of its errors at the measured points, linear as well.
+    # 5. Added changes: given columns times their unknowns.
+    # 6. Frames: six columns for each, at the rows of its session.
     def linearise(
         self,
         observations: Observations,
@@ -222,8 +237,8 @@ class ErrorModel:
         robot, assembly = self.positions(x, observations, near)
         columns, by_joint = self.robot_columns(robot, observations, assembly.unknowns)
         if self.with_growth:
-            growth = [n for n, g in enumerate(self.groups) if g == "growth"]
-            assembly = moved(assembly, columns[..., growth] @ x[growth])
+            growth = [place for place, group in enumerate(self.groups) if group == "growth"]
+            assembly = shift_points(assembly, columns[..., growth] @ x[growth])
         turns, shifts = frames_of_shots(frames, observations.frame)
         turned = (turns @ assembly.poses[:, :3, None])[..., 0]
         columns = turns @ columns
@@ -251,10 +266,10 @@ class ErrorModel:
         )
 
 
-def moved(assembly: Assembly, by: Array) -> Assembly:
-    """Return an assembly whose points are moved by (N, 3), such as by parts that have grown."""
+def shift_points(assembly: Assembly, shifts: Array) -> Assembly:
+    """Return an assembly whose points are shifted (N, 3), such as by parts that have grown."""
     poses = assembly.poses.copy()
-    poses[:, :3] += by
+    poses[:, :3] += shifts
     return replace(assembly, poses=poses)
 
 
@@ -270,15 +285,23 @@ def frames_of_shots(frames: tuple[Transform, ...], frame: Index) -> tuple[Array,
     return turns[frame], shifts[frame]
 
 
+# R ← exp(ψ×) R, t ← t + shift: the turn follows the rotation that there is, as `frame_columns` has
+# its derivatives. Composed in this way, frames never leave the rotations and have no singular
+# angles.
 def moved_frames(frames: tuple[Transform, ...], step: Array) -> tuple[Transform, ...]:
     """Return frames after a step (6 F,) of turns in mrad and shifts in mm."""
     steps = step.reshape(len(frames), 6)
     return tuple(
-        Transform(rotation_by(MRAD * own[:3]) @ frame.rotation, frame.translation_mm + own[3:])
-        for frame, own in zip(frames, steps, strict=True)
+        Transform(
+            rotation_by(MRAD * of_frame[:3]) @ frame.rotation, frame.translation_mm + of_frame[3:]
+        )
+        for frame, of_frame in zip(frames, steps, strict=True)
     )
 
 
+# Fit the frames to the nominal robot's points (Kabsch), leave out points that are farther off than
+# six medians and 1 mm, and fit again: three times, for a far point pulls the first fit and hides
+# others. The median does not follow them while they are fewer than half.
 def first_frames(
     model: ErrorModel, observations: Observations, kept: Mask
 ) -> tuple[tuple[Transform, ...], Mask]:

@@ -2,11 +2,11 @@
 
 All of them are unknowns of every fit. A source's prior is a normal distribution about nominal
 whose 1 σ is the source's tolerance times the size of its group; the sizes of learned groups are
-estimated from the shots (`variance_components.py`). What is not there therefore costs little, and
-what is there is corrected and stated.
+estimated from the shots (`variance_components.py`). An error that a robot does not have therefore
+costs little uncertainty, and one that it has is corrected and stated.
 
-This table is the only place that names them: priors, the budget, findings and the documentation
-follow from its rows.
+This table is the only place that names the sources: priors, the budget, findings and the
+documentation follow from its rows.
 """
 
 from collections.abc import Mapping
@@ -34,12 +34,13 @@ class ErrorSource:
     source: str
     """Where the tolerance comes from."""
     remedy: str
-    """What to do where a value is far outside of its tolerance."""
+    """Advice to a user whose value is far outside of its tolerance."""
     is_learned: bool = True
     """Whether the group's size is estimated; geometry keeps its broad tolerance."""
     drift_of_angles: float = 0.0
+    """Change of angles until a later check, 1 σ, rad: settling screws and homing."""
     drift_of_lengths: float = 0.0
-    """Change (1 σ) until a later check, rad and mm: settling screws and homing."""
+    """Change of lengths until a later check, 1 σ, mm."""
 
 
 MACHINED = "parts of a machine shop: 0.5 mm over 500 mm"
@@ -94,9 +95,10 @@ SOURCES: Mapping[str, ErrorSource] = {
     )
 }  # fmt: skip
 TRACKER_SOURCES: Mapping[str, Unit] = {"constant": "mm", "transit": "deg", "scale": "ppm"}
-"""Sources that are no parameter of the robot, and the units in which they are shown."""
+"""Sources that are no parameter of the robot, with their units on the screen."""
 SCATTER_TOLERANCE_MM = 0.5
-"""Tolerance of the scatter of the robot's point, 1 σ an axis: worse is no robot that repeats."""
+"""Tolerance of the scatter of the robot's point, 1 σ an axis: a robot that scatters more does not
+repeat, or joints and points are of different moments."""
 
 
 def scatter_tolerance_of_joints(*, revolute: bool) -> float:
@@ -111,13 +113,17 @@ def tolerance_of(parameter: Parameter) -> float:
 
 
 def tracker_columns(points: Array) -> dict[str, Array]:
-    """Return how points (N, 3), seen from the tracker, move by one unit of its errors, (N, 3) each.
+    """Return the motions of points (N, 3), seen from the tracker, by a unit of each error, (N, 3).
 
-    By mm of the reflector's constant, by rad of the transit axis out of square, by the share of
-    all lengths by which its scale is wrong.
+    Units are mm of the reflector's constant, rad of the transit axis out of square, and the ratio
+    of the error of scale.
     """
+    # constant: along the beam b. Transit axis tilted by τ: the azimuth is off by τ tan(elevation),
+    # which at the horizontal distance r cos(elevation) is τ z sideways (Deumlich and Staiger).
+    # Scale: about the points' middle, for the frame takes up any shift.
     distance = np.linalg.norm(points, axis=1, keepdims=True)
-    level = np.maximum(np.hypot(points[:, :1], points[:, 1:2]), 1.0)  # mm: none on its own axis
+    # on the tracker's vertical axis no direction is sideways: 1 mm avoids the division by 0
+    level = np.maximum(np.hypot(points[:, :1], points[:, 1:2]), 1.0)
     sideways = np.concatenate([-points[:, 1:2], points[:, :1], 0.0 * distance], axis=1) / level
     return {
         "constant": points / distance,

@@ -16,14 +16,12 @@ from campaigns.arrays import Array, Index
 LINE_TOLERANCE = 1e-9
 """Points whose second spread is below this part of the first lie on a line."""
 SHOTS_FOR_A_FRAME = 4
-"""Fewest points whose best frame is relied on; three fix one exactly."""
-TINY_MM = 1e-300
-"""Keeps the direction between coincident points zero instead of undefined."""
+"""Least number of points whose best frame is relied on; three fix a frame exactly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transform:
-    """A rotation matrix (3, 3) and a translation in mm (3,)."""
+    """Rotation matrix (3, 3) and translation in mm (3,): p → R p + t."""
 
     rotation: Array
     translation_mm: Array
@@ -44,11 +42,14 @@ class Transform:
         return Transform(self.rotation.T, -self.rotation.T @ self.translation_mm)
 
 
+# Kabsch 1976: with the SVD Σ b a' = U S V', tr(R' Σ b a') is largest, and so the squares are least,
+# for R = U D V', where D = diag(1, 1, ± 1) makes det R = 1: a reflection would otherwise come out
+# where points are mirrored, or lie in a plane.
 def best_rotation(centred_a: Array, centred_b: Array) -> tuple[Array, Array]:
-    """Return the rotation that brings centred points a (N, 3) best to b, and their common spreads.
+    """Return the rotation (3, 3) that brings centred points a (N, 3) best to b, and spreads (3,).
 
-    Closed form by SVD (Kabsch 1976), (3, 3) and (3,). The last spread is negative where a
-    reflection would fit better.
+    Spreads are the singular values of both together. The last is negative where a reflection would
+    fit better.
     """
     u, spread, vt = np.linalg.svd(centred_b.T @ centred_a)
     proper = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
@@ -69,6 +70,7 @@ def fit_transform(points_in_a_mm: Array, points_in_b_mm: Array) -> Transform:
     return Transform(rotation, other - rotation @ centre)
 
 
+# exp(ψ×) p + t changes by ψ × p + t to first order: the columns are -p× and the identity.
 def frame_jacobian(points_mm: Array) -> Array:
     """Return ∂point by a small turn (rad) and a shift (mm) of its frame, (N, 3, 6)."""
     columns = np.zeros((len(points_mm), 3, 6))
@@ -88,8 +90,11 @@ def rotation_by(vector_rad: Array) -> Array:
 def paper_angles_rad(transform: Transform) -> Array:
     """Return φ, γ, ψ of R(z, φ) R(y, γ) R(x, ψ) (paper eq. 23), (3,).
 
-    Where γ is ± 90°, φ is 0 or whatever rounding makes of it, and ψ is the rest.
+    Where γ is ± 90°, φ and ψ turn about one axis: φ is 0 or what rounding makes of it, and ψ is the
+    whole turn.
     """
+    # R(z, φ)⁻¹ R = R(y, γ) R(x, ψ) has the rows (cos γ, …), (0, cos ψ, -sin ψ) and (-sin γ, …): its
+    # elements give γ and ψ without a division by cos γ
     x, y, z = transform.rotation
     phi = np.arctan2(y[0], x[0])
     sine, cosine = np.sin(phi), np.cos(phi)
@@ -105,19 +110,19 @@ def from_paper_angles(angles_rad: Array, translation_mm: Array) -> Transform:
 
 
 def distances_mm(points_mm: Array, first: Index, second: Index) -> Array:
-    """Return the distances of pairs, (M,); of stacks of points (…, N, 3), (…, M)."""
+    """Return the distances of pairs, (M,) of points (N, 3), (…, M) of stacks (…, N, 3)."""
     between = points_mm[..., second, :] - points_mm[..., first, :]
     return np.asarray(np.linalg.norm(between, axis=-1))
 
 
 def directions(points_mm: Array, first: Index, second: Index) -> Array:
-    """Return unit vectors from the first points to the second, (M, 3); zero if the two coincide.
+    """Return unit vectors from the first points to the second, zero where both coincide.
 
-    Of stacks of points (…, N, 3), (…, M, 3).
+    They are (M, 3) of points (N, 3), and (…, M, 3) of stacks of points (…, N, 3).
     """
     between = points_mm[..., second, :] - points_mm[..., first, :]
     length = np.linalg.norm(between, axis=-1, keepdims=True)
-    return np.asarray(between / np.maximum(length, TINY_MM))
+    return np.asarray(between / np.maximum(length, 1e-300))  # 0 / 0 of coincident points is 0
 
 
 def away_from_mean(points_mm: Array) -> Array:
@@ -127,6 +132,7 @@ def away_from_mean(points_mm: Array) -> Array:
 
 def away_from_best_line(points_mm: Array) -> Array:
     """Return the vectors from the best straight line in space, square to it, to points (N, 3)."""
+    # total least squares: the line through the mean along the first principal direction
     centred = away_from_mean(points_mm)
     direction = np.linalg.svd(centred)[2][0]
     return np.asarray(centred - np.outer(centred @ direction, direction))
@@ -157,6 +163,7 @@ def length_with_std(vector_mm: Array, covariance_mm2: Array) -> tuple[float, flo
 
     A length of 0 has the σ of its worst direction.
     """
+    # first-order propagation (GUM 5.1.2): the gradient of |v| is v / |v|, which 0 does not have
     length = float(np.linalg.norm(vector_mm))
     if length == 0.0:
         return 0.0, float(np.sqrt(np.linalg.eigvalsh(covariance_mm2)[-1]))

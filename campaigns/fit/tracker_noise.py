@@ -1,4 +1,13 @@
-"""The laser tracker's uncertainty (spherical instrument) as covariance of a point."""
+"""Uncertainty of a laser tracker (spherical instrument), as covariance of a point.
+
+A tracker measures a distance along its beam and two angles. Its data sheet states limits (MPE,
+ISO 10360-10) of both directions, each a constant and a part that grows with the distance r:
+
+    u_along = a + b r,   u_across = c + d r,   Σ = u_along² b b' + u_across² (1 - b b')
+
+with the beam's unit vector b. Errors that all shots have in common, such as the reflector's
+constant, do not belong to this noise: the fit has them as unknowns (`error_sources.py`).
+"""
 
 from dataclasses import dataclass, replace
 
@@ -9,17 +18,18 @@ from campaigns.fit.error_sources import SOURCES, tracker_columns
 from campaigns.fit.rigid_transforms import directions
 
 LIMIT_PER_STD = 3**0.5
-"""A data sheet's limit (MPE) over the standard uncertainty it stands for: an even distribution."""
+"""A data sheet's limit (MPE) over the standard uncertainty that it stands for: errors are taken as
+evenly distributed between the limits (GUM 4.3.7)."""
 MM_PER_UM = 1e-3
 PER_MM_OF_UM_PER_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class TrackerUncertainty:
-    """Standard uncertainties (1 σ), along the beam and across it: a constant and a part per length.
+    """Standard uncertainties (1 σ) along the beam and across it: a constant and a part per length.
 
     The defaults are a common tracker's limits, ± (10 µm + 0.3 µm/m) and ± (15 µm + 6 µm/m), each
-    over √3; those of what all shots have in common are tolerances of the fit.
+    over √3. Those of errors that all shots have in common are the tolerances of the fit.
     """
 
     along_mm: float = 0.010 / 3**0.5
@@ -35,7 +45,7 @@ class TrackerUncertainty:
 
     @property
     def common(self) -> dict[str, float]:
-        """1 σ of what all shots have in common, by source: mm, rad and a ratio."""
+        """1 σ of the errors that all shots have in common, by source: mm, rad and a ratio."""
         return {"constant": self.reflector_mm, "transit": self.axes_per_mm, "scale": self.scale}
 
     @classmethod
@@ -51,7 +61,7 @@ class TrackerUncertainty:
     def with_common_limits(
         self, scale_ppm: float, axes_um_per_m: float, reflector_mm: float
     ) -> "TrackerUncertainty":
-        """Return this uncertainty with other limits (MPE) of what all shots have in common."""
+        """Return this uncertainty with other limits (MPE) of the errors common to all shots."""
         ppm = PER_MM_OF_UM_PER_M / LIMIT_PER_STD
         return replace(
             self,
@@ -70,10 +80,8 @@ def point_covariance_mm2(points_from_tracker_mm: Array, uncertainty: TrackerUnce
 def covariance_by_direction_mm2(
     points_from_tracker_mm: Array, uncertainty: TrackerUncertainty
 ) -> tuple[Array, Array]:
-    """Return the parts of that covariance along the beam and across it, (…, 3, 3) each.
-
-    Across the beam both directions have the same variance, so no axis of the instrument is needed.
-    """
+    """Return the parts of a point's covariance along the beam and across it, (…, 3, 3) each."""
+    # both directions across the beam have one variance, so no axis of the instrument is needed
     distance = np.linalg.norm(points_from_tracker_mm, axis=-1)
     beam = points_from_tracker_mm / distance[..., None]
     outer = beam[..., :, None] * beam[..., None, :]
@@ -86,6 +94,7 @@ def distance_variance_mm2(
     points_mm: Array, covariance_mm2: Array, first: Index, second: Index
 ) -> Array:
     """Return the variance (M,) of the distances between rows `first` and `second` of (N, 3)."""
+    # n' (Σ_1 + Σ_2) n with the unit vector n between two independent points, first order
     direction = directions(points_mm, first, second)
     together = covariance_mm2[first] + covariance_mm2[second]
     return np.asarray(np.einsum("mi,mij,mj->m", direction, together, direction))
@@ -94,10 +103,11 @@ def distance_variance_mm2(
 def common_distance_variance_mm2(
     points_mm: Array, uncertainty: TrackerUncertainty, first: Index, second: Index
 ) -> Array:
-    """Return the part of that variance, (M,), by errors that all shots have in common.
+    """Return the variance (M,) of distances by the errors that all shots have in common.
 
     Points (N, 3) are seen from the tracker.
     """
+    # both ends move by one error, so that a distance changes by the difference of the motions
     direction = directions(points_mm, first, second)
     variance = np.zeros(len(first))
     for source, column in tracker_columns(points_mm).items():

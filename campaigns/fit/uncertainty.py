@@ -100,7 +100,7 @@ def null_directions_of(information: Array, names: tuple[str, ...]) -> NullDirect
     return NullDirections.spanned_by(vectors[:, values < UNSEEN_TOLERANCES**-2], names)
 
 
-# Any basis of the null space is as good as another, but eigenvectors mix everything with
+# All bases of the null space are equally good, but eigenvectors mix everything with
 # everything. Reduced echelon form: QR with column pivoting picks the k rows of Z (P, k) that are
 # most independent, the pivots; Z times the inverse of these rows has a 1 at one pivot and 0 at the
 # others, so that each combination is one parameter with those that can imitate it.

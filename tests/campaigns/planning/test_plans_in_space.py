@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from small_plans import LIMITS, OPEN, PACE, TWO_PAIRS, VIEW, joints_at
 
-from campaigns.design.pose_sampling import FURTHER, workspace_poses
+from campaigns.design.pose_sampling import BOUNDARY_STRETCH, workspace_poses
 from campaigns.design.restricted_space import (
     ANYWHERE,
     UNRESTRICTED,
@@ -79,9 +79,9 @@ def test_poses_keep_off_all_walls_and_identification_poses_lie_near_them(plan):
     poses = np.array([(*s.pose.coordinates,) for s in plan if s.purpose is ShotSet.IDENTIFICATION])
     region = region_of(ROBOT, VIEW, MIDDLE, SPACE)
     assert region.allows(poses).all()
-    assert not region.allows(CENTRE + FURTHER * (poses - CENTRE)).any()
+    assert not region.allows(CENTRE + BOUNDARY_STRETCH * (poses - CENTRE)).any()
     open_region = replace(region, space=UNRESTRICTED)
-    held_by_space = open_region.allows(CENTRE + FURTHER * (poses - CENTRE))
+    held_by_space = open_region.allows(CENTRE + BOUNDARY_STRETCH * (poses - CENTRE))
     assert held_by_space.mean() > 0.5, "most are near a zone's wall, not near the reach's"
 
 
