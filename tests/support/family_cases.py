@@ -4,10 +4,12 @@ import json
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
+from campaigns.design import pose_sampling
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.paper import free_names
@@ -25,6 +27,12 @@ def flat_in(document):
     arms = enumerate(document["arms"])
     flat = {f"arm{i}.{key}": value for i, arm in arms for key, value in arm.items()}
     return flat | {key: value for key, value in document.items() if key != "arms"}
+
+
+def drawn(region, count, seed):
+    """Poses (count, t) of a region; draws are those of larger batches, but end sooner."""
+    with patch.object(pose_sampling, "BATCH", 500):
+        return interior_poses(region, count, np.random.default_rng(seed))
 
 
 @dataclass(frozen=True)
@@ -109,7 +117,7 @@ class Member:
         tracker_mm, facing = np.array([2500.0, 0.0, -600.0]), np.array([1.0, 0.0, 0.0])
         centre = self.shipped.workspace_centre
         region = FeasibleRegion(robot, limits or self.limits, centre, tracker_mm, facing, np.pi)
-        return interior_poses(region, count, np.random.default_rng(seed))
+        return drawn(region, count, seed)
 
     def poses(self, count, seed=1):
         """Poses that the nominal and the perturbed robot can take."""

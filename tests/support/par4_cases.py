@@ -1,10 +1,10 @@
 """Robots, poses and derivatives by differences that the tests of the numerics share."""
 
 import numpy as np
-from family_cases import PAR4_REFERENCE, flat_in
+from family_cases import PAR4_REFERENCE, drawn, flat_in
 from par4_space import SPACE, par4, par4_of, turning_limits
 
-from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
+from campaigns.design.pose_sampling import FeasibleRegion
 from campaigns.fit.rigid_transforms import from_paper_angles
 
 CASES = PAR4_REFERENCE["cases"]
@@ -36,7 +36,7 @@ def region(geometry=NOMINAL, limits=LIMITS, acceptance_rad=np.pi):
 
 
 def reachable_poses(geometry, count, seed, limits=LIMITS):
-    return interior_poses(region(geometry, limits), count, np.random.default_rng(seed))
+    return drawn(region(geometry, limits), count, seed)
 
 
 def reachable_joints(geometry, count, seed, limits=LIMITS):

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from campaigns.design.restricted_space import (
     ANYWHERE,
-    UNRESTRICTED,
     Disc,
     Rectangle,
     RestrictedSpace,
@@ -52,13 +51,6 @@ def test_clearance_is_of_a_plate_with_its_margin(zone, point, expected):
     space = RestrictedSpace((zone,), 60.0, 15.0)
     assert clearances(space, *point) == pytest.approx([expected])
     assert space.allows(np.array([point], dtype=float))[0] == (expected >= 0.0)
-
-
-def test_everything_is_allowed_without_zones():
-    points = np.random.default_rng(1).uniform(-1e4, 1e4, (50, 3))
-    assert UNRESTRICTED.allows(points).all()
-    assert not UNRESTRICTED.is_restricted
-    assert UNRESTRICTED.line_clearance_mm(points[:-1], points[1:]).shape == (49, 0)
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Pairs worth a distance, and joints approached from both sides."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from par4_cases import CENTRE, NOMINAL, region
@@ -54,21 +55,12 @@ def test_balanced_order_keeps_the_pairs_whole(count, seed):
     assert {frozenset(pair) for pair in tour.tolist()} == {frozenset(p) for p in pairs.tolist()}
 
 
-def test_tours_are_turned_until_both_sides_are_seen():
+@pytest.mark.parametrize("count", [40, 20], ids=["all", "half"])
+def test_tours_are_turned_until_counted_shots_are_approached_from_both_sides(count):
     stairs = np.linspace(0.0, 1.0, 40)[:, None] * np.ones(4)
-    pairs, counted = np.arange(40).reshape(-1, 2), np.ones(40, dtype=bool)
-    bottom = np.full(4, -0.1)
-    shortest = tours.shortest_tour(stairs, pairs, bottom)
-    assert (tours.positive_approach_shares(stairs[shortest.ravel()], bottom, counted) == 1.0).all()
-    tour = tours.balance_approaches(stairs, pairs, bottom, counted).ravel()
-    shares = tours.positive_approach_shares(stairs[tour], bottom, counted)
-    assert ((shares >= 0.37) & (shares <= 0.63)).all()
-
-
-def test_only_counted_shots_need_both_sides():
-    stairs = np.linspace(0.0, 1.0, 40)[:, None] * np.ones(4)
-    pairs, bottom = np.arange(40).reshape(-1, 2), np.full(4, -0.1)
-    counted = np.arange(40) < 20
+    pairs, bottom, counted = np.arange(40).reshape(-1, 2), np.full(4, -0.1), np.arange(40) < count
+    shortest = tours.shortest_tour(stairs, pairs, bottom).ravel()
+    assert (tours.positive_approach_shares(stairs[shortest], bottom, counted) == 1.0).all()
     tour = tours.balance_approaches(stairs, pairs, bottom, counted).ravel()
     shares = tours.positive_approach_shares(stairs[tour], bottom, counted[tour])
     assert ((shares >= 0.37) & (shares <= 0.63)).all()

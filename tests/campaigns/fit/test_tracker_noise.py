@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from campaigns.fit.error_sources import tracker_columns
-from campaigns.fit.rigid_transforms import directions, distances_mm
 from campaigns.fit.tracker_noise import (
     TrackerUncertainty,
     distance_variance_mm2,
@@ -73,16 +72,6 @@ def test_covariances_are_symmetric_positive_definite_and_of_the_data_sheets_limi
     assert astuple(at500) == pytest.approx(astuple(TrackerUncertainty()))
 
 
-def test_a_distance_along_the_beam_is_far_better_known_than_one_across_it():
-    """An AT500 at 2.5 m, 300 mm: U (k = 2) of about 18 µm along and 49 µm across."""
-    points_mm = np.array([[2500.0, 0, 0], [2800.0, 0, 0], [2500.0, -150, 0], [2500.0, 150, 0]])
-    covariance = point_covariance_mm2(points_mm, TrackerUncertainty())
-    variance = distance_variance_mm2(points_mm, covariance, np.array([0, 2]), np.array([1, 3]))
-    along_um, across_um = 2000.0 * np.sqrt(variance)
-    assert along_um == pytest.approx(18.0, abs=1.0)
-    assert across_um == pytest.approx(49.0, abs=1.0)
-
-
 def test_variance_of_distances_follows_both_covariances():
     """First-order propagation, with the gradient of |b - a| by differences."""
     covariance = point_covariance_mm2(POINTS_MM, TrackerUncertainty())
@@ -95,14 +84,3 @@ def test_variance_of_distances_follows_both_covariances():
         both = np.zeros((6, 6))
         both[:3, :3], both[3:, 3:] = covariance[a], covariance[b]
         assert variance[pair] == pytest.approx(gradient @ both @ gradient, rel=1e-6)
-
-
-def test_directions_are_the_distances_gradient_and_zero_where_there_is_none():
-    points = np.vstack([POINTS_MM, POINTS_MM[:1]])
-    unit = directions(points, np.array([0, 0]), np.array([1, 50]))
-    apart = points[1] - points[0]
-    assert unit[0] == pytest.approx(apart / np.linalg.norm(apart))
-    assert unit[1].tolist() == [0.0, 0.0, 0.0]
-    assert distances_mm(points, np.array([0, 0]), np.array([1, 50])) == pytest.approx(
-        [np.linalg.norm(apart), 0.0]
-    )

@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from family_cases import BY_NAME, all_members, closures_by_pose
+from family_cases import BY_NAME, closures_by_pose
 from par4_cases import LIMITS, NOMINAL
 from scipy.optimize import brentq
 
-from campaigns.kinematics.catalog import PAR4
 from campaigns.kinematics.feasibility import Violation, search_extent
-from campaigns.kinematics.limbs import crank_frames
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
 
@@ -66,13 +64,7 @@ def test_turns_coordinates_and_joints_beyond_limits_are_named_with_value_and_lim
     assert judged.describe(0) == ["z -720.000 mm outside [-700 mm, -500 mm]"]
 
 
-def test_swing_is_out_of_the_arms_plane_and_named_where_it_is_too_far():
-    swing = np.radians([0.0, 10.0, -35.0, 60.0])
-    fields = PAR4.geometry(NOMINAL.p).arms
-    outward, axes, _ = crank_frames(fields["azimuth"], fields["axis_tilt"])
-    in_plane = 0.6 * outward - 0.8 * np.array([0.0, 0.0, 1.0])[:, None, None]
-    forearms = fields["forearm"] * (np.cos(swing) * in_plane + np.sin(swing) * axes)
-    assert PAR4.limb.swing_rad(fields, forearms)[0] == pytest.approx(swing, abs=1e-14)
+def test_swing_is_named_where_it_is_too_far():
     swing_deg = np.degrees(NOMINAL.feasibility(LIMITS, TURNED).swing_rad[0])
     worst = int(np.argmax(np.abs(swing_deg)))
     limits = replace(LIMITS, forearm_swing_rad=np.radians(np.sort(np.abs(swing_deg))[-2:].mean()))
@@ -92,13 +84,6 @@ def test_too_small_a_margin_is_told_with_value_and_limit(margin):
     assert f"elbow {judged.elbow[0]:.3f} (limit {limits.elbow_margin:g})" in line
 
 
-def test_every_reason_against_a_pose_is_told():
-    limits = replace(LIMITS, joint=(0.0, 0.1), task=turning(0.0, 0.1), forearm_swing_rad=0.01)
-    lines = told(replace(limits, singularity_margin=1.0), TURNED)
-    for word in ("joint 0", "joint 1", "joint 2", "joint 3", "theta", "forearm", "singularity"):
-        assert any(word in line for line in lines), word
-
-
 def test_the_margin_vanishes_where_the_assembly_could_turn_over():
     def by_pose(theta):
         pose = np.array([[0.0, -50.0, -575.0, theta]])
@@ -110,27 +95,6 @@ def test_the_margin_vanishes_where_the_assembly_could_turn_over():
     wide = replace(LIMITS, task=turning(-2.0, 2.0), forearm_swing_rad=1.5)
     assert NOMINAL.feasibility(wide, singular).singular_value[0] < 1e-9
     assert Violation.SINGULAR in violations(wide, singular)
-
-
-def test_an_elbow_stretched_straight_is_refused():
-    """Straight down from the motors the limbs are stretched just where the reach ends."""
-    down = np.linspace(-900.0, -1100.0, 2001)
-    poses = np.column_stack([np.zeros_like(down), np.full_like(down, -50.0), down, 0.0 * down])
-    limits = replace(LIMITS, joint=(-np.pi, np.pi), singularity_margin=0.0)
-    judged = NOMINAL.feasibility(limits, poses)
-    deepest = int(np.flatnonzero(NOMINAL.inverse(poses).is_solved)[-1])
-    assert judged.elbow[deepest] < 0.05
-    assert Violation(int(judged.violations[deepest])) is Violation.SINGULAR
-    assert judged.feasible[0]
-
-
-@all_members
-def test_what_is_feasible_keeps_every_limit(member):
-    robot, (low, high) = member.tilted, member.limits.joint
-    judged = robot.feasibility(member.limits, member.reachable_poses(robot, 40, seed=4))
-    assert judged.feasible.all()
-    assert ((judged.joints >= low) & (judged.joints <= high)).all()
-    assert np.abs(judged.swing_rad).max() <= member.limits.forearm_swing_rad
 
 
 def test_margins_of_a_delta_are_those_of_its_geometry():
@@ -186,9 +150,8 @@ def test_a_platform_above_its_elbows_is_another_assembly():
 
 
 @pytest.mark.parametrize("name", ["par4-prototype", "delta", "linear-delta", "h4", "i4r", "i4l"])
-@pytest.mark.parametrize("times", [1.0 / 3.0, 3.0])
-def test_robot_of_another_size_and_the_same_shape_takes_the_same_poses(name, times):
-    robot = find_robot(name).robot
+def test_robot_of_another_size_and_the_same_shape_takes_the_same_poses(name):
+    robot, times = find_robot(name).robot, 3.0
     space, rng = robot.mechanism.parameters, np.random.default_rng(1)
     sizes = {
         each: value * (times if space[each].unit == "mm" else 1.0)

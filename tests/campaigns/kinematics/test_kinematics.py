@@ -7,7 +7,6 @@ import pytest
 from family_cases import (
     ALL_MEMBERS,
     BY_NAME,
-    PAR4_REFERENCE,
     all_members,
     closures_at,
     closures_by_pose,
@@ -19,18 +18,16 @@ from hypothesis import strategies as st
 from par4_cases import NOMINAL, central_differences, reachable_joints
 from scipy.optimize import root
 
-from campaigns.kinematics.closed_chain import CHUNK
+from campaigns.kinematics import closed_chain
 from campaigns.kinematics.feasibility import search_extent
 from campaigns.kinematics.mechanism import NoSolution
 from campaigns.kinematics.parameters import Role
-from sim.geometry import KINDS, geometry_of
-from sim.robot.assembly import joints_for
 
 CLOSE = 1e-9
 """mm and deg."""
 LEVER_MM = 100.0
-DECADES = (1e-3, 1e-4)
-"""Of steps: 0.001 is 0.001 rad or 0.1 mm."""
+STEP = 1e-4
+"""Of differences: 0.0001 rad or 0.01 mm."""
 DIRECTIONS = 6
 WORKSHOP = 0.04
 """Share of the tilts of `Member.tilted` that makes them 2 mrad at most."""
@@ -39,15 +36,11 @@ CONDITION = {"par4": 120, "delta": 89, "h4": 120, "i4r": 105, "linear-delta": 36
 HIDDEN = {"par4": 4, "delta": 4, "h4": 4, "i4r": 5, "linear-delta": 11, "i4l": 13}
 """Combinations of the geometry that no shot shows: motions of the base frame, and upright rails'
 own."""
-UPSIDE_DOWN = (
-    ([131.59, -317.79, -479.51, -0.4], [-86.12, 54.54, 265.75, -1.55]),
-    ([-134.45, -195.12, -398.44, 0.42], [142.34, 73.5, 290.29, 1.55]),
-    ([316.59, -117.96, -413.13, -0.59], [-182.9, 12.84, 288.99, -1.5]),
-)
+UPSIDE_DOWN = (([131.59, -317.79, -479.51, -0.4], [-86.12, 54.54, 265.75, -1.55]),)
 """Par4's reachable poses, and close to another assembly of the same joints."""
 TORN_APART_DEG = {
-    "par4": ([90, -90, 90, -90], [0, 0, 180, 180], [90, 90, 90, -45], [90, -45, 90, -45]),
-    "delta": ([50, -80, -170], [40, -40, 180], [-150, -90, 30]),
+    "par4": ([90, -90, 90, -90], [90, 90, 90, -45]),
+    "delta": ([50, -80, -170], [-150, -90, 30]),
 }
 TURNED_OVER_DEG = {
     "par4": ([-2, -7, 21, -21], [30, -7, 15, 22]),
@@ -111,40 +104,6 @@ class TestReferenceModel:
         assert np.degrees(robot.limits.forearm_swing_rad) == limits["forearm_swing_deg"]
         assert list(member.free) == member.answers("exact")["free"]
 
-    @pytest.mark.parametrize("pose", PAR4_REFERENCE["unreachable_poses_mm_rad"])
-    def test_poses_that_it_cannot_reach_say_so(self, pose):
-        solution = NOMINAL.inverse(np.array([pose], dtype=float))
-        assert not solution.is_solved[0]
-        with pytest.raises(NoSolution, match="row 0 of 1"):
-            solution.values_or_raise()
-
-
-def where_spheres_meet(elbows_mm, forearm_mm):
-    """Both points (N, 2, 3) at given distances from three others (N, 3, 3); NaN where none is."""
-    first, second, third = elbows_mm.swapaxes(0, 1)
-    apart = np.linalg.norm(second - first, axis=1, keepdims=True)
-    along = (second - first) / apart
-    part = np.sum(along * (third - first), axis=1, keepdims=True)
-    across = third - first - part * along
-    height = np.linalg.norm(across, axis=1, keepdims=True)
-    across = across / height
-    square = forearm_mm**2
-    x = (square[0] - square[1] + apart**2) / (2.0 * apart)
-    y = (square[0] - square[2] + part**2 + height**2) / (2.0 * height) - part / height * x
-    square_of_z = square[0] - x**2 - y**2
-    z = np.sqrt(np.where(square_of_z >= 0.0, square_of_z, np.nan))
-    between, normal = first + x * along + y * across, np.cross(along, across)
-    return np.stack([between - z * normal, between + z * normal], axis=1)
-
-
-def delta_elbows(robot, joints):
-    """A_i = P_i + l_i (cos q u_i - sin q z0), (N, 3, 3), of a robot without tilted axes."""
-    arms = robot.p[:21].reshape(3, 7)
-    angle, azimuth = joints + arms[:, 4], arms[:, 3]
-    outward = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(3)], axis=-1)
-    crank = np.cos(angle)[..., None] * outward - np.sin(angle)[..., None] * np.eye(3)[2]
-    return arms[:, :3] + arms[:, 5, None] * crank
-
 
 class TestForwardAndInverse:
     @all_members
@@ -201,22 +160,6 @@ class TestForwardAndInverse:
         found = NOMINAL.forward(joints, above).values_or_raise()
         assert np.abs(found - pose).max() < 1e-8
 
-    def test_newton_agrees_with_three_spheres_for_any_joints_within_limits(self):
-        """Below the middle of its elbows and with the sign of det as at home."""
-        member = BY_NAME["delta"]
-        home = np.array([member.reference["home_mm_deg"]])
-        at_home = home[:, None] - delta_elbows(member.nominal, member.nominal.inverse(home).values)
-        for robot in (member.nominal, member.perturbed):
-            joints = np.random.default_rng(7).uniform(*member.limits.joint, (2000, 3))
-            elbows = delta_elbows(robot, joints)
-            both = where_spheres_meet(elbows, robot.p[[6, 13, 20]])
-            sign = np.sign(np.linalg.det(both[:, :, None] - elbows[:, None]))
-            below = both[..., 2] < elbows[..., 2].mean(axis=1)[:, None]
-            wanted = below & (sign == np.sign(np.linalg.det(at_home)))
-            assert (wanted.sum(axis=1) == 1).all()
-            found = robot.forward(joints).values_or_raise()
-            assert np.abs(found - both[wanted]).max() < CLOSE
-
     @pytest.mark.parametrize(
         ("name", "degrees"),
         [(name, each) for name in TORN_APART_DEG for each in TORN_APART_DEG[name]]
@@ -227,17 +170,6 @@ class TestForwardAndInverse:
         assert not solution.is_solved[0]
         with pytest.raises(NoSolution, match="row 0 of 1"):
             solution.values_or_raise()
-
-    def test_a_robot_whose_forearms_are_too_short_for_level_arms_works_with_lowered_ones(self):
-        """At joints of 0 it cannot be assembled: its elbows are 455 mm out, its forearms 420."""
-        member = BY_NAME["delta"]
-        p = member.nominal.p.copy()
-        p[[6, 13, 20]] = 420.0
-        robot = member.robot_of(p)
-        poses = np.array([[0.0, 0.0, -420.0], [30.0, -40.0, -450.0]])
-        joints = robot.inverse(poses).values_or_raise()
-        assert np.abs(robot.forward(joints).values_or_raise() - poses).max() < CLOSE
-        assert not robot.forward(np.zeros((1, 3))).is_solved[0]
 
     @pytest.mark.slow
     @given(st.sampled_from(ALL_MEMBERS), st.integers(0, 2**32 - 1), st.booleans())
@@ -278,22 +210,17 @@ class TestForwardAndInverse:
         with pytest.raises(NoSolution, match="row 1 of 3"):
             solution.values_or_raise()
 
-    def test_a_row_s_answer_does_not_depend_on_the_rows_beside_it(self):
-        joints = reachable_joints(NOMINAL, CHUNK + 3, seed=3)
+    def test_a_row_s_answer_does_not_depend_on_the_rows_beside_it(self, monkeypatch):
+        monkeypatch.setattr(closed_chain, "CHUNK", 8)
+        joints = reachable_joints(NOMINAL, 11, seed=3)
         together = NOMINAL.forward(joints).values_or_raise()
-        for row in (0, 17, CHUNK - 1, CHUNK, CHUNK + 2):
+        for row in (0, 3, 7, 8, 10):
             alone = NOMINAL.forward(joints[[row]]).values_or_raise()
             assert np.abs(alone - together[row]).max() < 1e-10
 
-    @some_members
-    def test_no_rows_give_no_rows(self, member):
-        joints, task = len(member.mechanism.joints), len(member.mechanism.task)
-        found = member.nominal.forward(np.empty((0, joints))).values_or_raise()
-        assert found.shape == (0, task)
 
-
-def jacobian_errors(member, robot):
-    """Largest differences of the Jacobian from differences with each step, over its own largest.
+def jacobian_error(member, robot):
+    """Largest difference of the Jacobian from central differences, over its own largest element.
 
     All parameters are changed at once, each by a share of its own in each of a few directions.
     """
@@ -310,36 +237,26 @@ def jacobian_errors(member, robot):
 
     exact = robot.jacobian(joints, poses) @ ways * unit
     nowhere = np.zeros(DIRECTIONS)
-    differences = (central_differences(moved, nowhere, nowhere + step) * unit for step in DECADES)
-    return [np.abs(each - exact).max() / np.abs(exact).max() for each in differences]
+    differences = central_differences(moved, nowhere, nowhere + STEP) * unit
+    return np.abs(differences - exact).max() / np.abs(exact).max()
 
 
 class TestJacobian:
-    @all_members
-    def test_of_the_pose_by_every_parameter_is_exact(self, member):
-        """What differences are off by falls with the square of their step, to rounding."""
-        errors = jacobian_errors(member, member.perturbed)
-        assert errors[1] < 1e-7
-        assert errors[1] < 0.02 * errors[0]
-
     @all_members
     def test_of_imperfect_parts_leaves_out_the_curvature_of_rods_that_do_not_close(self, member):
         """Rods of four arms are strained a little; those of three close exactly."""
         perfect, tilted = member.perturbed.p, member.tilted.p
         robot = member.robot_of(perfect + WORKSHOP * (tilted - perfect))
-        assert jacobian_errors(member, robot)[1] < (1e-7 if member.space.arms == 3 else 1e-3)
+        assert jacobian_error(member, robot) < (1e-7 if member.space.arms == 3 else 1e-3)
 
 
 class TestWhatShotsDetermine:
     @all_members
-    def test_all_that_the_papers_method_fits(self, member):
+    def test_what_the_papers_method_fits_and_all_but_motions_of_the_base_frame(self, member):
         poses = member.reachable_poses(member.nominal, 200, seed=3)
         values = singular_values(member.nominal, poses, member.free)
         assert rank(values) == len(member.free) + 6
         assert values[0] / values[-1] < 1.6 * CONDITION[member.name]
-
-    @all_members
-    def test_all_geometry_but_motions_of_the_base_frame(self, member):
         poses = member.reachable_poses(member.nominal, 200, seed=4)
         names = member.space.select(Role.GEOMETRY)
         found = rank(singular_values(member.nominal, poses, names))
@@ -372,13 +289,8 @@ def test_rails_that_count_the_other_way_are_the_same_robot(member, elevation_deg
     joints = robot.inverse(poses).values_or_raise()
     assert np.abs(other.inverse(poses).values_or_raise() + joints).max() < 1e-9
     assert np.abs(other.forward(-joints).values_or_raise() - poses).max() < 1e-9
-    geometry = geometry_of(dict(other.parameters), KINDS["linear-delta"])
-    simulated = [joints_for(geometry, pose, 0.0) for pose in poses[:5]]
-    assert np.abs(simulated + joints[:5]).max() < 1e-9
     limits = replace(member.limits, joint=(-600.0, 600.0))
     both = [each.feasibility(limits, poses) for each in (robot, other)]
     assert both[0].feasible.mean() > 0.9
     assert np.abs(both[0].swing_rad - both[1].swing_rad).max() < 1e-9
     assert (both[0].violations == both[1].violations).all()
-    boxes = [search_extent(each.mechanism, each.p, limits, poses[0]) for each in (robot, other)]
-    assert boxes[0] == pytest.approx(boxes[1])

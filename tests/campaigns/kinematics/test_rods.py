@@ -7,7 +7,7 @@ import pytest
 from family_cases import ALL_MEMBERS, all_members
 
 from sim.geometry import KINDS, geometry_of
-from sim.robot.assembly import assemble, follow, joints_for
+from sim.robot.assembly import joints_for
 from sim.robot.rods import Build, Plate, RodMechanism
 
 OFFSET_MM = np.array([20.0, -30.0, -45.0])
@@ -73,32 +73,6 @@ def test_the_controller_s_own_inverse_agrees_with_the_model_s(member):
     for row, pose in zip(joints, poses, strict=True):
         turn = pose[3] if len(pose) > 3 else 0.0
         assert np.abs(joints_for(geometry, pose[:3], turn) - row).max() < 1e-10
-
-
-@all_members
-def test_names_of_parameters_and_joints_are_the_same(member):
-    kind = kind_of(member)
-    assert kind.names == member.space.names
-    assert [f"q{arm}_{kind.unit}" for arm in range(kind.arms)] == [
-        axis.column for axis in member.mechanism.joints
-    ]
-    assert kind.unknowns == 3 + len(member.mechanism.task)
-
-
-@all_members
-def test_it_follows_its_joints_over_the_workspace_and_back(member):
-    robot = member.perturbed
-    rods = twin(member, robot)
-    flat = robot.parameters
-    geometry = geometry_of({name: flat[name] for name in member.space.names}, kind_of(member))
-    centre = member.shipped.workspace_centre
-    home = assemble(rods, geometry, centre[:3], 0.0)
-    for pose in member.reachable_poses(robot, 3, seed=43, limits=member.well_inside):
-        (joints,) = robot.inverse(pose[None]).values_or_raise()
-        there = follow(rods, home, joints)
-        assert np.abs(there.plate.position_mm - pose[:3]).max() < 1e-8
-        back = follow(rods, there, home.joints)
-        assert np.abs(back.plate.position_mm - centre[:3]).max() < 1e-8
 
 
 @pytest.mark.parametrize("half", [1, 2])
