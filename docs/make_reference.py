@@ -37,6 +37,13 @@ Every option, from the commands' own help: `docs/make_reference.py` writes this 
 `pkmcal COMMAND --help` also explains how the command works, with examples.
 """
 TYPES = {"string": "text", "boolean": "true, false", "array": "list", "object": "mapping"}
+HELP_WORDS = {
+    r"\[default: \((.*?)\)": r"[default: \1",
+    r"(\d+)<=x<=(\d+)": r"\1 to \2",
+    r"x>=(\d+)": r"\1 or more",
+    "  \\[": " [",
+}
+"""What click writes into help, and how the table words it."""
 SHARED_BY = 3  # commands from which on an option of one meaning is described once, at the top
 
 
@@ -157,8 +164,11 @@ def option_rows(group: Any, name: str) -> Iterator[tuple[str, str]]:
     command = group.get_command(Context(group), name)
     for parameter in command.params:
         names, meaning = parameter.get_help_record(Context(command)) or ("", "")
-        names = re.sub(r" <(path|str|csv|list.*)>", "", names).replace("|", " or ")
-        meaning = re.sub(r"\[default: \((.*?)\)", r"[default: \1", meaning).replace("  [", " [")
+        names = (
+            re.sub(r" <(path|str|list.*)>", "", names).replace("|", " or ").replace("<csv>", "csv")
+        )
+        for pattern, words in HELP_WORDS.items():
+            meaning = re.sub(pattern, words, meaning)
         if names:
             yield f"`{names}`", meaning
 

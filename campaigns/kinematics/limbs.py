@@ -45,17 +45,17 @@ def _transmission_fields(unit: Literal["deg", "mm"], part: str) -> tuple[Paramet
     """Make the fields of the encoder and of the gear (deg) or the drive (mm)."""
     quantity: Literal["small angle", "place"] = "small angle" if unit == "deg" else "place"
     eccentricity = (
-        ("eccentricity_sin", "the encoder's eccentricity by the reading's sine", "eccentricity"),
-        ("eccentricity_cos", "the encoder's eccentricity by the reading's cosine", "eccentricity"),
+        ("eccentricity_sin", "the encoder's eccentricity, factor of sin(reading)", "eccentricity"),
+        ("eccentricity_cos", "the encoder's eccentricity, factor of cos(reading)", "eccentricity"),
     )
     rows = (
         *(eccentricity if unit == "deg" else ()),
-        ("ripple_sin", f"the {part}'s ripple by the sine of its phase", "ripple"),
-        ("ripple_cos", f"the {part}'s ripple by the cosine of its phase", "ripple"),
+        ("ripple_sin", f"the {part}'s ripple, factor of the sine of its phase", "ripple"),
+        ("ripple_cos", f"the {part}'s ripple, factor of the cosine of its phase", "ripple"),
         ("backlash", f"the {part}'s lost motion", "backlash"),
         ("compliance", f"the {part}'s yield to the plate's weight, at 300 mm", "compliance"),
     )
-    ratio = "the joint's motion beyond its reading's, ppm"
+    ratio = "the excess of the joint's motion over its reading, ppm"
     return (
         ParameterField("encoder_gain_ppm", ratio, "ratio", "ratio", Role.TRANSMISSION),
         *(

@@ -160,7 +160,7 @@ class RobotContents(FileModel):
     )
     uncertainty: Deviations | None = Field(
         default=None,
-        description="one standard deviation for each identified parameter: mm, deg, ppm",
+        description="one standard deviation for each identified parameter, in its unit",
     )
     provenance: Annotated[dict[str, JsonValue], AfterValidator(_finite)] | None = Field(
         default=None, description="keys and values that say where the parameters come from"

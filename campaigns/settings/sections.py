@@ -74,11 +74,11 @@ class TrackerLimitsConfig(FileModel):
 
     along_um: LimitUm = Field(default=10.0, description="the limit along the beam, µm")
     along_um_per_m: LimitPerMetre = Field(
-        default=0.3, description="its increase per metre of distance, µm"
+        default=0.3, description="the increase of this limit per metre of distance, µm"
     )
     across_um: LimitUm = Field(default=15.0, description="the limit across the beam, µm")
     across_um_per_m: LimitPerMetre = Field(
-        default=6.0, description="its increase per metre of distance, µm"
+        default=6.0, description="the increase of this limit per metre of distance, µm"
     )
 
 

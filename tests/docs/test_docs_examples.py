@@ -2,6 +2,7 @@
 
 import math
 import re
+import runpy
 import shlex
 
 import pytest
@@ -102,6 +103,12 @@ def test_every_command_is_on_a_page():
     text = "".join(block.text for block in SHELL_BLOCKS)
     missing = [name for name in get_command(app).commands if f"pkmcal {name}" not in text]
     assert missing == []
+
+
+@pytest.mark.slow
+def test_reference_pages_are_written_from_the_present_code():
+    for page, text in runpy.run_path(str(ROOT / "docs/make_reference.py"))["pages"]().items():
+        assert page.read_text(encoding="utf-8") == text, "run `make reference`"
 
 
 @pytest.mark.parametrize("model", [RobotContents, CampaignConfig, Scenario])
