@@ -127,7 +127,7 @@ class Beam:
         self._go_back(f"where shot {latest.shot} was", latest.joints)
         began_s = self._clock.now_s()
         waited = self.wait(latest.joints, seen_here=True)
-        self._run_state.rest()
+        self._run_state.show_idle()
         if isinstance(waited, Skipped):  # the wish is about the shot that is tried again after this
             self._session.wishes.ask(Wish.SKIP)
             return False
@@ -223,11 +223,11 @@ class Beam:
         try:
             self._go_back(name, joints)
         except (TargetOutOfReach, LimitViolation, NotSettled):
-            self._run_state.rest()
+            self._run_state.show_idle()
             return False
         locked = self._failure_at(seen_mm) is None
         self._run_state.see_beam(locked=locked)
-        self._run_state.rest()
+        self._run_state.show_idle()
         return locked
 
     def _go_back(self, name: str, joints: tuple[float, ...]) -> None:

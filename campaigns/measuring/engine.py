@@ -112,7 +112,7 @@ class Engine:
             self._shots.nests.leave()  # before the robot moves: its reflector may be in a nest
             if end := self._work.ends_at:
                 self._session.mover.return_to(end, "to where it ends", self._run_state.enter)
-                self._run_state.rest()
+                self._run_state.show_idle()
             self._run_state.enter(EngineState.FINISHED)
 
     def check_unmoved(self) -> None:
@@ -454,7 +454,7 @@ class Engine:
             except (TargetOutOfReach, NotSettled) as error:
                 # Parking is a convenience: the robot waits where it stands, and the run goes on.
                 self._log.announce(Event("operator note", f"not parked: {error.problem}"))
-            self._run_state.rest()
+            self._run_state.show_idle()
         self._pause("parked by the operator")
 
     def _pause(self, text: str) -> None:
@@ -464,7 +464,7 @@ class Engine:
         while not self._session.wishes.take(Wish.PAUSE):
             self._session.mover.require_sound()
             self._session.mover.pause(0.1)
-        self._run_state.rest()
+        self._run_state.show_idle()
         self._log.announce(Event("operator note", "the operator goes on"))
 
     def _compare_at_end(self) -> None:

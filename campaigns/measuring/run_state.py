@@ -111,7 +111,7 @@ class RunState:
         """Show another state."""
         self._show(replace(self._progress, state=state))
 
-    def rest(self) -> None:
+    def show_idle(self) -> None:
         """Show that nothing is done now, whatever was done before."""
         if self._progress.state is not EngineState.IDLE:
             self.enter(EngineState.IDLE)

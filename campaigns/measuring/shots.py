@@ -126,12 +126,12 @@ class Shots:
             arrival = self._session.mover.go(step, self._run_state.enter)
         except (LimitViolation, TargetOutOfReach) as error:
             self._log.write(Rejected(intent.shot, intent.attempt, error.problem))
-            self._run_state.rest()
+            self._run_state.show_idle()
             return Lost(f"shot {intent.shot}: {error.problem}", Loss.TARGET, error)
         # A wish to skip never stops a motion half-way: the robot arrives, and is not measured.
         if self._session.wishes.take(Wish.SKIP):
             self._log.write(Rejected(intent.shot, intent.attempt, SKIPPED))
-            self._run_state.rest()
+            self._run_state.show_idle()
             return Skipped()
         return arrival
 
@@ -187,7 +187,7 @@ class Shots:
             return self._lose(outcome, "the robot moved while it was measured")
         if refusal:
             reason = self._reject(outcome, refusal)
-            self._run_state.rest()
+            self._run_state.show_idle()
             # Look at once where this pose's reflector should be. If one is there, the tracker was
             # on another, and the next attempt measures the right one; if not, see the engine.
             expected_mm = self._session.gate.expected_point_mm(outcome.joints)
@@ -202,7 +202,7 @@ class Shots:
         reason = self._reject(intent, f"beam broken: {error.problem}")
         seen_here = not isinstance(error, NoReflector)
         waited = self._beam.wait(arrival.state.joints, seen_here=seen_here)
-        self._run_state.rest()
+        self._run_state.show_idle()
         match waited:
             case Skipped():
                 return waited
@@ -237,7 +237,7 @@ class Shots:
     def _lose(self, attempt: Intent | Outcome, why: str) -> Lost:
         """Write that an attempt gave no data, and return it."""
         reason = self._reject(attempt, why)
-        self._run_state.rest()
+        self._run_state.show_idle()
         return Lost(reason, Loss.MEASUREMENT)
 
     def _reject(self, attempt: Intent | Outcome, why: str) -> str:
