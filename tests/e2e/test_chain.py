@@ -15,15 +15,8 @@ DEVICES = "50 % speed, controller SIM-C-0001, tracker 390001"
 PLAN_KEYS = {
     *NEXT,
     *("shots", "pairs", "placement", "seed", "until_mm", "position_std_mm", "predicted_std"),
-    *(
-        "weakest",
-        "from_below",
-        "fitting_lines_mm",
-        "space",
-        "seconds_estimated",
-        "path",
-        "programs",
-    ),
+    *("weakest", "from_below", "fitting_lines_mm", "space", "seconds_estimated"),
+    *("path", "programs"),
 }
 IDENTIFICATION_KEYS = {
     *("schema", "model", "converged", "iterations", "parameters", "undetermined", "scatter"),

@@ -9,7 +9,6 @@ import pytest
 from command_line import SMALL_TESTS, change
 from family_cases import MEMBERS
 
-from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
 from sim.factory import true_geometry
@@ -90,13 +89,7 @@ def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, new, member):
 def assert_found(document, truth, member):
     """Positions of the identified robot are the cell's within three σ, the frame best fitted."""
     values = {name: entry["value"] for name, entry in document["parameters"].items()}
-    poses = member.poses(60)
-    joints = truth.inverse(poses).values_or_raise()
-    found, own = (
-        robot.forward(joints, poses).values_or_raise()[:, :3]
-        for robot in (Kinematics.of(member.mechanism, values), truth)
-    )
-    apart = np.linalg.norm(fit_transform(found, own).apply(found) - own, axis=1)
+    apart = member.apart_mm(Kinematics.of(member.mechanism, values), truth)
     assert np.sqrt(np.mean(apart**2)) < 3.0 * document["position_std_mm"]["rms"]
 
 

@@ -9,7 +9,6 @@ from command_line import change
 from family_cases import MEMBERS, Member, flat_in
 
 from app.main import run_command
-from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
 from sim.scenarios.scenario import shipped_text
@@ -78,14 +77,6 @@ def robot_of(member, document):
     return Kinematics.of(member.mechanism, values(document))
 
 
-def apart_mm(member, robot, truth):
-    """Distances (N,) of the points of two robots at the same joints, their frames best fitted."""
-    poses = member.poses(60)
-    joints = truth.inverse(poses).values_or_raise()
-    own, others = (each.forward(joints, poses).values_or_raise()[:, :3] for each in (robot, truth))
-    return np.linalg.norm(fit_transform(own, others).apply(own) - others, axis=1)
-
-
 def test_exact_shots_give_the_truth_and_nothing_unproven_is_exported(pkmcal, member, exact):
     truth = flat_in(member.answers("exact")["truth"])
     ended = pkmcal("identify", exact, *PAPER, "--json")
@@ -94,7 +85,7 @@ def test_exact_shots_give_the_truth_and_nothing_unproven_is_exported(pkmcal, mem
     ended = pkmcal("identify", exact, "--json")
     assert (ended.code, ended.document["verdict"]) == (1, "not decided")
     robot = robot_of(member, ended.document)
-    assert apart_mm(member, robot, Kinematics.of(member.mechanism, truth)).max() < 0.02
+    assert member.apart_mm(robot, Kinematics.of(member.mechanism, truth)).max() < 0.02
     ended = pkmcal("export", exact)
     assert ended.code == 1
     assert "no validation pairs" in ended.error_line
@@ -110,7 +101,7 @@ def test_noisy_points_give_the_truth_and_name_what_stays_undetermined(pkmcal, me
     of_coordinates = found["residuals_mm"]["after"]["rms"] / 3**0.5
     assert of_coordinates == pytest.approx(answer["rms_mm"], rel=0.2)
     truth = Kinematics.of(member.mechanism, flat_in(answer["truth"]))
-    apart = apart_mm(member, robot_of(member, found), truth)
+    apart = member.apart_mm(robot_of(member, found), truth)
     assert np.sqrt(np.mean(apart**2)) < 3.0 * found["position_std_mm"]["rms"]
     assert len(found["undetermined"]) >= 6, "the base frame may lie anywhere"
     named = {name for combination in found["undetermined"] for name in combination}
@@ -164,13 +155,13 @@ def test_a_deltas_exported_robot_is_the_true_one_and_the_nominal_of_a_next_campa
     assert robot.workspace_centre_mm == (0.0, 0.0, -700.0)
     assert set(SPACE.names) <= set(robot.parameters)
     truth = Kinematics.of(DELTA.mechanism, flat_in(DELTA.answers("exact")["truth"]))
-    assert apart_mm(DELTA, robot.kinematics, truth).max() < 0.02
+    assert DELTA.apart_mm(robot.kinematics, truth).max() < 0.02
     following = tmp_path / "next"
     assert pkmcal("new", following, "--robot", passed / "robot-compensated.yaml").code == 0
     assert pkmcal("import", following, passed / "shots.csv").code == 0
     found = pkmcal("identify", following, "--json").document
     assert found["residuals_mm"]["before"]["max_abs"] < 0.02
-    assert apart_mm(DELTA, robot_of(DELTA, found), truth).max() < 0.02
+    assert DELTA.apart_mm(robot_of(DELTA, found), truth).max() < 0.02
 
 
 def test_a_deltas_report_speaks_of_its_own_parameters_and_of_no_turn(pkmcal, passed):

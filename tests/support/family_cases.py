@@ -11,6 +11,7 @@ import pytest
 
 from campaigns.design import pose_sampling
 from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
+from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.paper import free_names
 from campaigns.kinematics.mechanism import Kinematics
@@ -122,6 +123,15 @@ class Member:
     def poses(self, count, seed=1):
         """Poses that the nominal and the perturbed robot can take."""
         return self.reachable_poses(self.nominal, count, seed, self.well_inside)
+
+    def apart_mm(self, robot, truth):
+        """Distances (60,) of the points of two robots at equal joints, their frames best fitted."""
+        poses = self.poses(60)
+        joints = truth.inverse(poses).values_or_raise()
+        own, true = (
+            each.forward(joints, poses).values_or_raise()[:, :3] for each in (robot, truth)
+        )
+        return np.linalg.norm(fit_transform(own, true).apply(own) - true, axis=1)
 
     @staticmethod
     def file_units(axes):
