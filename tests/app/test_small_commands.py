@@ -62,27 +62,20 @@ def test_new_offline_leads_to_a_plan_and_what_needs_devices_says_what_to_do_inst
 
 
 @pytest.mark.parametrize(
-    ("option", "url"), [("--controller", "serial:/dev/ttyS0"), ("--tracker", "http://tracker")]
+    ("words", "hints"),
+    [
+        (("--robot", "par4-protoype"), ["par4-prototype"]),
+        (("--scenario", "realistc"), ["realistic"]),
+        (
+            ("--controller", CONTROLLER, "--tracker", "http://tracker"),
+            ["tracker.url", "http://tracker", "tcp://HOST:PORT"],
+        ),
+    ],
 )
-def test_new_with_a_wrong_address(pkmcal, tmp_path, option, url):
-    urls = {"--controller": CONTROLLER, "--tracker": TRACKER, option: url}
-    words = [word for pair in urls.items() for word in pair]
-    code, out, err = pkmcal("new", tmp_path / "cell-3", *words)
-    assert (code, out) == (2, "")
-    assert f"{option.removeprefix('--')}.url" in err
-    assert url in err
-    assert "tcp://HOST:PORT" in err
-    assert not (tmp_path / "cell-3").exists()
-
-
-@pytest.mark.parametrize(
-    ("option", "value", "hint"),
-    [("--robot", "par4-protoype", "par4-prototype"), ("--scenario", "realistc", "realistic")],
-)
-def test_new_with_a_name_that_is_not_known(pkmcal, tmp_path, option, value, hint):
-    code, _, err = pkmcal("new", tmp_path / "try", option, value)
-    assert code == 2
-    assert hint in err
+def test_new_with_an_unknown_name_or_address_makes_nothing(pkmcal, tmp_path, words, hints):
+    refused = pkmcal("new", tmp_path / "try", *words)
+    assert refused.code == 2
+    assert all(hint in refused.error_line for hint in hints)
     assert not (tmp_path / "try").exists()
 
 
