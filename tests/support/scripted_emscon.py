@@ -98,17 +98,9 @@ class Instrument:
         if command in SETS:
             self.state[SETS[command]] = request.body
         if command == Command.GET_REFLECTORS:
-            return [
-                (
-                    0.0,
-                    Answer(
-                        command,
-                        0,
-                        emscon_messages.ReflectorEntry(len(NAMES), number, 1, 19.05, name),
-                    ),
-                )
-                for number, name in NAMES.items()
-            ]
+            entry, count = emscon_messages.ReflectorEntry, len(NAMES)
+            bodies = [entry(count, number, 1, 19.05, name) for number, name in NAMES.items()]
+            return [(0.0, Answer(command, 0, body)) for body in bodies]
         answer = (0.0, Answer(command, 0, self.state.get(command, NOTHING)))
         if command == Command.START_MEASUREMENT:
             return [answer, (0.5, self.result)]

@@ -20,6 +20,10 @@ class HandClock:
     def sleep_s(self, seconds):
         self.time_s += seconds
 
+    def real_s(self, virtual_s):
+        """Say "soon": nobody knows when this clock will be moved, so a server looks again."""
+        return min(0.001, max(virtual_s, 0.0))
+
 
 class TimedPipe:
     """Answers what is sent by `respond`, which says after how many seconds which bytes come."""
