@@ -56,6 +56,13 @@ class NewOptions:
     """Options of a new campaign: its robot, and its real or simulated devices.
 
     Raise `OptionsInvalid` for options that contradict each other.
+
+    Attributes:
+        robot: Name of a shipped robot, or the path of a robot file.
+        scenario: The simulated cell: a shipped scenario or a cell file; None: the default.
+        controller, tracker: Addresses of the devices, `tcp://HOST:PORT`; None: simulated.
+        offline: Whether no device is connected.
+        controller_driver, tracker_driver: Protocols of the devices; None: by the address.
     """
 
     robot: Annotated[
@@ -145,9 +152,25 @@ class NewOptions:
 def create_campaign(
     folder: Path, options: NewOptions, limits: Mapping[str, float] = NO_LIMITS
 ) -> CampaignConfig:
-    """Create a campaign by its options, on real devices or on a simulated cell.
+    """Create a campaign's folder by its options, on real devices or on a simulated cell.
 
-    `limits`: those of `acceptance` for a real robot; a simulated one has those of its scenario.
+    Args:
+        folder: The folder; it is made if it is not there.
+        options: Options of `pkmcal new`.
+        limits: Acceptance limits of a real robot by their key in campaign.yaml, mm; a simulated
+            robot has those of its scenario.
+
+    Returns:
+        The settings as written to campaign.yaml.
+
+    Raises:
+        ConfigInvalid: The robot, or a device's address or driver, cannot be used.
+        ScenarioInvalid: The cell file cannot be used.
+        OutputExists, WriteFailed: The folder has a campaign already, or cannot be written.
+
+    Example:
+        >>> create_campaign(Path("cell-7"), NewOptions(robot="delta", offline=True))
+        >>> campaign = open_campaign("cell-7")
     """
     # 1. two addresses of one kind: they are taken as they are, also "offline" for both
     # 2. one of two is sim://NAME: a rehearsal, whose cell is NAME unless --scenario names another
@@ -199,7 +222,22 @@ def create_simulated(
 ) -> CampaignConfig:
     """Create a campaign on a simulated cell, whose scenario is kept in the folder as cell.yaml.
 
-    Raise `ConfigInvalid`, `OutputExists`, `WriteFailed` or `ScenarioInvalid`.
+    Args:
+        folder: The folder; it is made if it is not there.
+        robot: Name of a shipped robot, or the path of a robot file.
+        scenario: Name of a shipped scenario, or the path of a cell file.
+        seed: Seed of the cell's random errors; None: the scenario's.
+
+    Returns:
+        The settings as written to campaign.yaml.
+
+    Raises:
+        ConfigInvalid: The robot cannot be used.
+        ScenarioInvalid: The cell file cannot be used.
+        OutputExists, WriteFailed: The folder has a campaign already, or cannot be written.
+
+    Example:
+        >>> create_simulated(Path("rehearsed"), "delta", scenario="paper-simulation", seed=4)
     """
     return create_on_cell(folder, robot, CellChoice(scenario=scenario, seed=seed))
 

@@ -79,10 +79,24 @@ def connected_cell(
     alarm: Alarm = unheard,
     prompt: Prompt | None = None,
 ) -> Iterator[Devices]:
-    """Connect both devices for the time of the block.
+    """Connect controller and tracker for the time of a `with` block.
 
-    Once a stop is requested, all waits end. `alarm` gets what the operator has to read at once.
-    Raise a driver's error when a device does not answer or is not the expected one.
+    Args:
+        campaign: The campaign, whose campaign.yaml has the devices' addresses and drivers.
+        stop_requested: Returns True when all waits shall end.
+        alarm: Receives what the operator has to read at once.
+        prompt: Asks the operator, for devices that are worked by hand.
+
+    Returns:
+        The cell: `robot`, `tracker` and clocks, for the steps in `workflow`.
+
+    Raises:
+        DriverError: A device does not answer, or is not the expected one.
+
+    Example:
+        >>> with connected_cell(campaign) as cell:
+        ...     prepare(campaign, cell)
+        ...     workflow.run(campaign, cell)
     """
     ways = connections(campaign, stop_requested, alarm, prompt=prompt)
     with ways as to, to.robot() as robot, to.tracker() as tracker:
@@ -251,9 +265,18 @@ def pause_clock(campaign: Campaign) -> Clock:
 
 
 def prepare(campaign: Campaign, cell: Devices) -> None:
-    """Bring tracker and robot into the state that measuring needs.
+    """Bring tracker and robot into the state that measuring needs; the robot may move to home.
 
-    The robot may move: homing is part of it.
+    Args:
+        campaign: The campaign, whose settings name reflector and measuring time.
+        cell: The cell, from `connected_cell`.
+
+    Raises:
+        DriverError: A device is not ready, as with an emergency stop, or cannot be made ready.
+
+    Example:
+        >>> with connected_cell(campaign) as cell:
+        ...     prepare(campaign, cell)
     """
     tracker = campaign.config.tracker
     cell.tracker.prepare(tracker.reflector, tracker.measuring_time_s)

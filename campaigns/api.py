@@ -1,5 +1,11 @@
 """Python API: robots, shots, identification, plans and studies without a campaign's folder."""
 
+# These functions join the same parts as the steps of a campaign do (campaigns/workflow), but take
+# and return values: no folder, journal or device is needed. What a campaign takes from
+# campaign.yaml is an argument here, with the default of a new campaign. Names and words of options
+# are those of the command line. Lengths are mm and angles rad, but parameters by name are as in
+# files: mm, deg and ppm.
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -44,6 +50,9 @@ def find_robot(name: str | Path) -> RobotFile:
         name: `par4-prototype`, `par4-table1`, `h4`, `i4r`, `i4l`, `delta`, `linear-delta`, or the
             path of a robot file.
 
+    Returns:
+        The robot: `kinematics`, `parameters`, `limits`, `mechanism`, `workspace_centre`.
+
     Raises:
         ConfigInvalid: Neither a shipped robot nor a valid file.
 
@@ -58,11 +67,17 @@ def read_shots(path: Path | str, robot: RobotFile) -> Shots:
     """Return the measured shots of a CSV file in the form of shots.csv.
 
     Args:
-        path: The file; its columns: docs/reference/files.md#shotscsv.
+        path: The file; docs/reference/files.md#shotscsv describes its columns.
         robot: The nominal robot, whose joints the columns name.
+
+    Returns:
+        The shots, for `identify`.
 
     Raises:
         ShotsInvalid: A cell, column or row is wrong; the message names line and value.
+
+    Example:
+        >>> shots = read_shots("shots.csv", find_robot("par4-prototype"))
     """
     return shots_of_rows(shots_csv.read_shots(Path(path), robot.mechanism), robot.kinematics)
 
@@ -72,14 +87,18 @@ def sample_workspace(robot: RobotFile, poses: int = 100, *, seed: int = 1) -> Ar
 
     Args:
         robot: The robot, with the limits of its joints.
-        poses: How many.
-        seed: Of the random generator: the same seed draws the same poses.
+        poses: Number of poses.
+        seed: Seed of the random generator; the same seed draws the same poses.
 
     Returns:
         Poses (N, t) of the controlled point in the base frame, mm and rad; t is 4 with θ, else 3.
 
     Raises:
         WorkspaceTooSmall: Too few random points of the reach's box can be reached.
+
+    Example:
+        >>> sample_workspace(find_robot("delta"), 50).shape
+        (50, 3)
     """
     rng, centre = np.random.default_rng(seed), robot.workspace_centre
     return pose_sampling.workspace_poses(robot.kinematics, robot.limits, centre, poses, rng)
@@ -121,6 +140,10 @@ def identify(
         >>> result = identify(read_shots("shots.csv", robot), robot)
         >>> print(result.report())
     """
+    # The arguments become words, are joined with the other options, and all are read by the reader
+    # of the command line: so a word means in Python what it means there. Options as an object
+    # are taken as they are; words alone are completed as a campaign would complete them, by the
+    # robot's tolerances and a sample of its workspace.
     if isinstance(priors, Mapping):
         priors = [f"{pattern}={std}" for pattern, std in priors.items()]
     if isinstance(options, IdentificationOptions):
@@ -129,8 +152,9 @@ def identify(
         reach = robot.kinematics, robot.limits, robot.workspace_centre
         sample = pose_sampling.sample_workspace(*reach)
         words = {"tolerances": robot.tolerances, "workspace": sample} | dict(options or {})
-    given = {"free": free, "fix": fix, "prior": priors, "model": model}
-    wanted = options_of(IdentificationOptions, words | {k: v for k, v in given.items() if v})
+    arguments = {"free": free, "fix": fix, "prior": priors, "model": model}
+    words |= {name: value for name, value in arguments.items() if value}
+    wanted = options_of(IdentificationOptions, words)
     return identify_shots(robot.kinematics, asked_shots(shots, wanted), wanted)
 
 
@@ -140,13 +164,17 @@ def correct_targets(poses: ArrayLike, identified: RobotFile, nominal: RobotFile)
     Args:
         poses: Wanted poses (N, t) of the controlled point, mm and rad.
         identified: The robot as it was identified.
-        nominal: The robot as its controller computes it.
+        nominal: The robot with the parameters of its controller.
 
     Returns:
         Poses (N, t) at which the controller makes the joints that the wanted ones need.
 
     Raises:
         TargetsInvalid: The identified robot cannot take a pose; the message names its row.
+
+    Example:
+        >>> identified = find_robot("cell-7/robot-compensated.yaml")
+        >>> correct_targets([[50.0, 0.0, -700.0]], identified, find_robot("delta"))
     """
     poses = batch(poses, [axis.name for axis in nominal.mechanism.task], "poses")
     models = identified.kinematics.controlled, nominal.kinematics.controlled
@@ -157,7 +185,13 @@ def correct_targets(poses: ArrayLike, identified: RobotFile, nominal: RobotFile)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """Planned shots, and the predicted uncertainty."""
+    """Planned shots, and the predicted uncertainty.
+
+    Attributes:
+        shots: The shots in measuring order, each with its pose, joints and purpose.
+        precision: Predicted 1 σ: `std` of each parameter by name, mm, deg or ppm, and
+            `position_std_mm` (N,) of positions over the workspace.
+    """
 
     shots: tuple[PlannedShot, ...]
     precision: Forecast
@@ -201,43 +235,49 @@ def plan(
         robot: The nominal robot.
         tracker_mm: The tracker's place in the base frame, mm; the reflector faces it.
         shots: Identification shots, an even number.
-        validation_pairs: Pairs that the fit never uses.
-        drift_shots: Visits of the drift pose; by default one in 20 shots.
+        validation_pairs: Number of pairs that the fit never uses.
+        drift_shots: Number of visits of the drift pose; by default one in 20 shots.
         placement: `"boundary"`, the paper's, or `"optimal"`.
         fix: Names, patterns or groups of parameters held at their nominal values.
         acceptance_deg: Largest angle between the beam and the reflector's direction.
-        uncertainty: Limits of the tracker's data sheet; by default a common tracker's.
-        seed: Of the random generator.
-        restricted: Where the robot may not go.
+        uncertainty: The tracker's standard uncertainty; by default that of a common tracker.
+        seed: Seed of the random generator.
+        restricted: Space in which the robot may move; by default it is not restricted.
 
     Returns:
         The shots in measuring order, and the predicted σ of parameters and positions.
 
     Raises:
-        PlanInvalid: No such plan: too small a workspace, too few shots, an odd number.
-        OptionsInvalid: An unknown name or value.
+        PlanInvalid: There is no such plan: too few shots, or an odd number.
+        OptionsInvalid: An unknown name or value of an option.
+        WorkspaceTooSmall: Too few poses can be reached and seen by the tracker.
+
+    Example:
+        >>> made = plan(find_robot("delta"), (2400.0, -300.0, -600.0), shots=60, seed=3)
+        >>> made.precision.position_std_mm.max() < 0.2
+        True
     """
     place = vector(batch(tracker_mm, AXES, "tracker_mm")[0])
     placement = checked(Placement, placement, "placement")
     if shots % 2:
         raise PlanInvalid(f"shots is {shots}, must be even", remedy="ask for one more")
     instrument, rng = uncertainty or TrackerUncertainty(), np.random.default_rng(seed)
-    how = options_of(
+    fit_options = options_of(
         IdentificationOptions,
         {"fix": fix, "instrument": instrument, "tolerances": robot.tolerances},
     )
-    model, centre = error_model(robot.kinematics, None, how), robot.workspace_centre
+    model, centre = error_model(robot.kinematics, None, fit_options), robot.workspace_centre
     x_mm, y_mm, z_mm = (np.array(place) - centre[:3]).tolist()
     view = View(place, (x_mm, y_mm, z_mm), float(np.radians(acceptance_deg)))
     wanted = PlanRequest(shots, validation_pairs, drift_shots, pose_of(centre), restricted)
     if placement is Placement.OPTIMAL:
         request = OptimalRequest(plan=wanted, model=model, uncertainty=instrument)
-        made = make_optimal_plan(robot, view, request, rng)
+        planned = make_optimal_plan(robot, view, request, rng)
     else:
-        made = make_plan(robot, view, wanted, rng)
+        planned = make_plan(robot, view, wanted, rng)
     planner = RobotModel(robot.kinematics, robot.limits, centre, restricted)
-    judged = judged_positions(model, planner, poses_of(made))
-    return Plan(made, forecast(made, model, np.array(place), instrument, judged))
+    judged = judged_positions(model, planner, poses_of(planned))
+    return Plan(planned, forecast(planned, model, np.array(place), instrument, judged))
 
 
 def study(
@@ -261,13 +301,13 @@ def study(
         robot: The nominal robot.
         shots: The plan's shots, `plan(…).shots`.
         tracker_mm: The tracker's place in the base frame, mm.
-        campaigns: How many to simulate.
+        campaigns: Number of campaigns.
         fix: Names, patterns or groups of parameters held at their nominal values.
-        uncertainty: What the instrument states of its points.
-        noise: What the instrument really does: a function of points (N, 3) in its frame, mm, and
-            a random generator, that returns their errors (N, 3); by default as stated.
+        uncertainty: Standard uncertainty that the instrument states for its points.
+        noise: Errors that the instrument really makes: a function of points (N, 3) in its frame,
+            mm, and a random generator, that returns errors (N, 3); by default as stated.
         spread: Standard deviations of lengths and places, mm, and of angles, deg.
-        seed: Of the first campaign.
+        seed: Seed of the first campaign.
 
     Returns:
         For each parameter bias, empirical and stated σ, their ratio, and the coverage of 95 %.
@@ -275,6 +315,10 @@ def study(
     Raises:
         ShotsMissing: Fewer than two campaigns could be identified.
         OptionsInvalid, PlanInvalid, WorkspaceTooSmall: As of `plan` and `sample_workspace`.
+
+    Example:
+        >>> summary = study(robot, made.shots, (2400.0, -300.0, -600.0), campaigns=10)
+        >>> [(row.name, row.ratio, row.covered) for row in summary.parameters]
     """
     instrument = uncertainty or TrackerUncertainty()
     setup = StudySetup(

@@ -352,6 +352,7 @@ class Campaign:
         return shots[-1] if shots else ()
 
     def _nothing_measured(self) -> ShotsMissing:
+        """Return the error that there are no shots yet."""
         return ShotsMissing(
             f"{self.folder}: nothing has been measured yet",
             remedy="measure with `pkmcal run DIR`, or `pkmcal import DIR FILE`",

@@ -359,6 +359,7 @@ class Evaluation:
     def _validation(
         self, measured: tuple[MeasuredSeries, ...]
     ) -> validation.ValidationResult | None:
+        """Return the figures of a stage's series; None without any."""
         instrument = self.evidence.campaign.instrument
         return validation.latest_of_each_test(
             validation.evaluate_validation(item.shots, instrument, item.series.number)
@@ -660,13 +661,13 @@ def _identified_checks(
     after = evidence.after[-1].series.started if evidence.after else None
     # By corrected targets nothing was loaded, and where the set was declared, whatever was loaded
     # earlier says nothing: the last load is compared in neither case.
-    how = "the controller held the identified set"
+    route = "the controller held the identified set"
     if after is not None and after.stage == "after by targets":
-        how = "targets were corrected with the identified set"
+        route = "targets were corrected with the identified set"
     elif after is None or not after.declared:
         last = evidence.state(loaded.digest if loaded else None)
         yield _same_origin("what was loaded last is what was identified", last, parameters)
-    statement, held = f"{how} when the robot was validated after", evidence.held("after")
+    statement, held = f"{route} when the robot was validated after", evidence.held("after")
     yield _same_origin(statement, held, parameters)
     if loaded and held and held.origin == parameters and evidence.loaded_since:
         statement = "the robot was validated after with what its controller holds now"

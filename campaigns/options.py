@@ -204,8 +204,8 @@ class LoadOptions:
     force: Annotated[bool, Option("Load even if refused; the journal records the reasons.")] = False
 
     def __post_init__(self) -> None:
-        for option, given in (("--robot", self.file is not None), ("--verify", self.verify > 0)):
-            if self.rollback and given:
+        for option, is_given in (("--robot", self.file is not None), ("--verify", self.verify > 0)):
+            if self.rollback and is_given:
                 raise OptionsInvalid(
                     f"--rollback and {option} contradict each other", remedy="give one"
                 )

@@ -53,6 +53,7 @@ class ControllerState:
 
     @property
     def _named(self) -> str:
+        """Name of the held set, without forms, targets and declarations."""
         other = f"neither nominal nor identified parameters (sha256 {self.digest[:16]}…)"
         named = {
             "nominal": "the nominal parameters",

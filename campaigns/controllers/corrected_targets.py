@@ -132,6 +132,7 @@ def correct_poses(text: str, name: str, correction: TargetCorrection) -> Correct
     wanted = np.array([row.values(columns) for row in rows])
 
     def place(row: int) -> str:
+        """Return the line of the file, with the name of the pose if it has one."""
         return f"{rows[row].where}: {names[row]}" if names[row] else rows[row].where
 
     correction.require_possible(wanted, place)

@@ -131,6 +131,7 @@ def _provenance(
     identification: RecordedIdentification,
     controller: Identity | None,
 ) -> dict[str, JsonValue]:
+    """Return the origin of the identified parameters, as the robot file states it."""
     document = identification.document()
     return {
         "campaign": campaign,

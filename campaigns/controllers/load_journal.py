@@ -27,7 +27,7 @@ from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Finding, read_body
 from campaigns.robots.reduced_form import FORM, ReducedForm
 
-AGAIN = "load again"
+LOAD_AGAIN = "load again"
 FOUND_AGAIN = "found when the controller was read again"
 
 
@@ -168,7 +168,9 @@ def load_history(journal: JournalReader) -> tuple[tuple[Load, ...], Load | None]
         if kind == "load begun":
             begun = replace(read_load(body), begun=number)
             if not (begun.wanted and begun.held):
-                raise FindingUnreadable("the journal's load, wanted, held: missing", remedy=AGAIN)
+                raise FindingUnreadable(
+                    "the journal's load, wanted, held: missing", remedy=LOAD_AGAIN
+                )
             unended = replace(begun, number=number, at_utc=entry.at_utc)
         elif kind == "load":
             try:
@@ -181,10 +183,10 @@ def load_history(journal: JournalReader) -> tuple[tuple[Load, ...], Load | None]
 
 def read_load(body: Mapping[str, JsonValue]) -> Load:
     """Return the load of a record's body; raise `FindingUnreadable` for another form."""
-    return read_body(body, Load, "load", AGAIN)
+    return read_body(body, Load, "load", LOAD_AGAIN)
 
 
-def already_back(journal: Journal, load: Load, digest: str) -> None:
+def record_undone(journal: Journal, load: Load, digest: str) -> None:
     """Write that a load was undone by other means than ours; `digest` is of the restored set."""
     body: dict[str, JsonValue] = {"source": load.kept, "digest": digest, "kept": load.kept}
     journal.append(Finding("load", body | {"rolls_back": load.number}))

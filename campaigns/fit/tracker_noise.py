@@ -30,6 +30,14 @@ class TrackerUncertainty:
 
     The defaults are a common tracker's limits, ± (10 µm + 0.3 µm/m) and ± (15 µm + 6 µm/m), each
     over √3. Those of errors that all shots have in common are the tolerances of the fit.
+
+    Attributes:
+        along_mm, along_per_mm: Along the beam: constant part, mm, and part per mm of distance.
+        across_mm, across_per_mm: Across the beam, in each direction: the two parts again.
+        scale, axes_per_mm, reflector_mm: Errors that all shots have in common.
+
+    Example:
+        >>> TrackerUncertainty.of_limits(10.0, 0.3, 15.0, 6.0)  # µm and µm/m, of a data sheet
     """
 
     along_mm: float = 0.010 / 3**0.5

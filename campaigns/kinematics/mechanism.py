@@ -45,7 +45,21 @@ class KinematicSolution:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kinematics:
-    """Kinematic model of one robot."""
+    """Kinematic model of one robot: `forward`, `inverse` and their derivatives, for many rows.
+
+    `robot.kinematics` is that of a robot file. Joints (N, n) and poses (N, t) have a row each, in
+    rad and mm; a single row may be given alone.
+
+    Attributes:
+        mechanism: The mechanism, with `joints`, `task` and the table of `parameters`.
+        p: Parameters in the order of that table, mm, rad and ratios.
+
+    Example:
+        >>> model = find_robot("delta").kinematics
+        >>> joints = model.inverse([[0.0, 0.0, -700.0]]).values_or_raise()
+        >>> model.forward(joints).values_or_raise()[0, 2].round(6)
+        -700.0
+    """
 
     mechanism: ClosedChain
     p: Array

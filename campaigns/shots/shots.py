@@ -48,7 +48,11 @@ AT_REST_RAD = float(np.radians(0.005))
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Shots:
-    """Measured shots, N of them; `numbers` are of the plan or, imported, of the file's rows."""
+    """Measured shots: N rows of joints with the point that the tracker measured there.
+
+    `read_shots` and `Shots.of` make them. `numbers` are the plan's, or those of an imported file's
+    rows.
+    """
 
     numbers: tuple[int, ...]
     purposes: tuple[ShotSet, ...]
@@ -113,12 +117,29 @@ class Shots:
         approach: ArrayLike | None = None,
         times: Sequence[str] | None = None,
     ) -> "Shots":
-        """Make shots of a robot from arrays: joints (N, n), rad or mm, and points (N, 3).
+        """Make shots of a robot from arrays.
 
-        `covariance_mm2` is of the points, (N, 3, 3), or (3, 3) for all; where it is NaN or missing
-        the instrument's is taken. `sets` are words of shots.csv, a single one or one for each shot;
-        pairs count from 0. Raises `ValueError` for arrays of other shapes, and `ShotsInvalid` with
-        the row of values that no shot can have.
+        Args:
+            joints: Encoder readings (N, n), rad or mm.
+            points_in_tracker_mm: Measured points (N, 3) in the tracker's frame, mm.
+            robot: The nominal robot.
+            sets: Sets of the shots, as in shots.csv: one word for all, or one for each shot.
+            pairs: Number of each shot's pair, from 0; None for a single shot.
+            covariance_mm2: Covariances of the points, (N, 3, 3), or (3, 3) for all; where they are
+                missing or NaN, the instrument's is taken.
+            approach: Sign of each joint's last motion (N, n), 0 where unknown.
+            times: Time of each shot, as in shots.csv.
+
+        Returns:
+            The shots, for `identify`.
+
+        Raises:
+            ValueError: An array has the wrong shape; the message names it.
+            ShotsInvalid: A row has values that no shot can have; the message names the row.
+
+        Example:
+            >>> robot = find_robot("delta")
+            >>> shots = Shots.of(joints_rad, points_mm, robot, pairs=[0, 0, 1, 1])
         """
         names = [axis.name for axis in robot.mechanism.joints]
         rows = batch(joints, names, "joints")

@@ -51,8 +51,11 @@ class StudySummary:
     """Errors over all campaigns that ended with an estimate."""
 
     campaigns: int
+    """Number of campaigns with an estimate."""
     failed: int
+    """Number of campaigns without an estimate."""
     parameters: tuple[ParameterSummary, ...]
+    """Bias, empirical and stated σ, their ratio and coverage of each free parameter."""
     chance: Mapping[str, Interval]
     """Limits in which an honest study's figures lie, by `chance`."""
     position_mm: float

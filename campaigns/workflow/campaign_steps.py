@@ -10,6 +10,7 @@ Example of a whole campaign on a connected cell (docs/reference/python.md has it
     workflow.identify(campaign)
     workflow.export(campaign)
     with connected_cell(campaign) as cell:
+        prepare(campaign, cell)
         workflow.load(campaign, nullcontext(cell))
         workflow.validate(campaign, cell, ValidationOptions(stage="after"))
 """

@@ -49,9 +49,9 @@ def check_work(campaign: Campaign, options: CheckOptions) -> Work:
         for number, place in enumerate(places)
     ]
     robot = Kinematics.of(campaign.robot.mechanism, identification.flat())
-    how = identification_options(campaign)
+    fit_options = identification_options(campaign)
     digest = _digest(campaign, identification)
-    return engine_work(campaign, "check", joint_steps(planned), robot, digest, how)
+    return engine_work(campaign, "check", joint_steps(planned), robot, digest, fit_options)
 
 
 def record_check(campaign: Campaign, journal: Journal, series: int) -> RecordedCheck:
@@ -86,8 +86,8 @@ def update_by_check(campaign: Campaign) -> RecordedIdentification:
                 remedy=f"run `pkmcal check {campaign.folder}` first",
             )
         shots = _shots(campaign, journal, checked.series)
-        how = identification_options(campaign)
-        result = update(campaign.robot.kinematics, shots, posterior, how, checked.parts)
+        fit_options = identification_options(campaign)
+        result = update(campaign.robot.kinematics, shots, posterior, fit_options, checked.parts)
         positions = identification.position_std_mm
         recorded = RecordedIdentification.of(
             result,
@@ -130,9 +130,11 @@ def _passed_identification(
 
 
 def _digest(campaign: Campaign, identification: RecordedIdentification) -> str:
+    """Return the digest of the identified parameters."""
     return identification.parameter_set(campaign.robot.mechanism).digest()
 
 
 def _shots(campaign: Campaign, journal: JournalReader, series: int) -> Shots:
+    """Return the shots of a check's series that were accepted."""
     shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
     return shots.of_set(ShotSet.CHECK)

@@ -56,7 +56,7 @@ def identify(
     named_priors(options.prior, table)  # raises for an unknown name; the result is not needed here
     for pattern in (*options.free, *options.fix):
         matching(pattern, table)
-    how = identification_options(campaign, options)
+    fit_options = identification_options(campaign, options)
     campaign.require_journal()
     with campaign.journal() as journal:
         series = campaign.measured_series(journal)
@@ -67,7 +67,7 @@ def identify(
         shots = shots_of_journal(measured, robot.mechanism)
         shots = asked_shots(with_readings(shots, campaign.config.part_temperatures), options)
         started_s = time.perf_counter()
-        result = identify_shots(robot.kinematics, shots, how)
+        result = identify_shots(robot.kinematics, shots, fit_options)
         recorded = RecordedIdentification.of(
             replace(result, seconds=time.perf_counter() - started_s),
             series=series.number,

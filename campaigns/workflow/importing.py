@@ -215,6 +215,7 @@ def replaced_import(
 
 
 def _measured(campaign: Campaign) -> tuple[Series, ...]:
+    """Return all series of the journal; () without a journal."""
     if not campaign.journal_path.exists():
         return ()
     with campaign.journal_reader() as journal:

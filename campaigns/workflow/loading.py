@@ -29,8 +29,8 @@ from campaigns.controllers.load import Change, changes, differing, keep, put_bac
 from campaigns.controllers.load_journal import (
     FOUND_AGAIN,
     Load,
-    already_back,
     load_history,
+    record_undone,
     standing_loads,
 )
 from campaigns.evaluation.verdict import lost_beyond
@@ -171,6 +171,7 @@ def load(
 
 
 def _nothing_to_take_back(campaign: Campaign) -> errors.ShotsMissing:
+    """Return the error that no load is in effect."""
     return errors.ShotsMissing(
         f"{campaign.folder}: no load is in effect that could be taken back",
         remedy="there is nothing to roll back; name a robot file with --robot",
@@ -178,6 +179,7 @@ def _nothing_to_take_back(campaign: Campaign) -> errors.ShotsMissing:
 
 
 def _stopped(holds: str) -> errors.Interrupted:
+    """Return the error of a stopped load; `holds` says what the controller holds."""
     return errors.Interrupted(
         f"load: stopped by the operator; {holds}", remedy="the same command begins anew"
     )
@@ -230,7 +232,7 @@ class _Loading:
             self.terms.tell(f"{backup} ({latest.at_utc}) was put back already by other means")
             # recorded nevertheless: the next rollback must find the load below this one
             if not self.terms.dry:
-                already_back(self.journal, latest, robot.digest())
+                record_undone(self.journal, latest, robot.digest())
             return LoadResult(source, "already", state=self._state(held))
         self.terms.tell(f"puts back {source.name}: {backup} ({latest.at_utc})")
         wanted = _Wanted(source, robot, takes_back=latest.number)

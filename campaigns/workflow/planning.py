@@ -93,8 +93,8 @@ def planned_model(campaign: Campaign, fix: tuple[str, ...] = ()) -> ErrorModel:
 
     `fix` holds names or patterns of parameters that keep their nominal values.
     """
-    how = identification_options(campaign, IdentificationOptions(fix=fix))
-    return error_model(campaign.robot.kinematics, None, how)
+    fit_options = identification_options(campaign, IdentificationOptions(fix=fix))
+    return error_model(campaign.robot.kinematics, None, fit_options)
 
 
 def _make_and_check(

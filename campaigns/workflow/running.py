@@ -43,9 +43,9 @@ def run_work(campaign: Campaign, checked: CheckedPlan, options: RunOptions | Non
     options = options or RunOptions()
     goal_mm = None if options.until is None else read_goal(options.until)
     robot = campaign.robot
-    how = identification_options(campaign)
+    fit_options = identification_options(campaign)
     steps = joint_steps(checked.shots)
-    work = engine_work(campaign, "run", steps, robot.kinematics, robot.digest(), how)
+    work = engine_work(campaign, "run", steps, robot.kinematics, robot.digest(), fit_options)
     skip = known_shots((shot.shot for shot in checked.shots), options.skip)
     return replace(work, goal_mm=goal_mm, skip=skip, override=options.force, compared_at_end=True)
 

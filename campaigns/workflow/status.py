@@ -74,8 +74,8 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
     evidence, identification = evaluation.evidence, evaluation.evidence.identification
     state = state_of(evaluation)
     worker = lock_holder(campaign.folder)
-    every = evidence.journal.series if evidence.journal else ()
-    series = tuple(_progress(evidence, each) for each in every)
+    all_series = evidence.journal.series if evidence.journal else ()
+    series = tuple(_progress(evidence, each) for each in all_series)
     verdict = evaluation.verdict if identification is not None else None
     return CampaignStatus(
         folder=str(campaign.folder),

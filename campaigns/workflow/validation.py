@@ -360,11 +360,13 @@ def _end_load(campaign: Campaign, held: Mapping[str, float], tell: Callable[[str
 def _evaluated(
     campaign: Campaign, journal: JournalReader, series: int
 ) -> validation.ValidationResult:
+    """Return the figures of a series' accepted shots."""
     shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
     return validation.evaluate_validation(shots, campaign.instrument, series)
 
 
 def _unseen_pairs(campaign: Campaign) -> tuple[PlannedShot, ...]:
+    """Return the plan's validation shots, which no fit uses."""
     return tuple(s for s in campaign.read_plan() if s.purpose is ShotSet.VALIDATION)
 
 
@@ -386,6 +388,7 @@ def _to_controlled_point(held: RobotFile) -> Correct | None:
 
 
 def _reachable(campaign: Campaign, robot: RobotFile, correct: Correct | None = None) -> Reachable:
+    """Return the robot by which tests are planned: its model, limits, space and correction."""
     return Reachable(robot.kinematics, robot.limits, space=campaign.space, correct=correct)
 
 
@@ -397,6 +400,12 @@ def _work(
     unseen: Sequence[PlannedShot],
     correct: Correct | None = None,
 ) -> tuple[Work, tuple[str, ...]]:
+    """Return tests as work for the engine, and notes on those shortened or left out.
+
+    `robot` is the model that sets the joints; `correct` turns wanted into commanded poses.
+    """
+    # Both stages must test alike. So the random turn of the approaches of repeatability comes from
+    # the plan's seed, and the cube is sought in the nominal robot's region.
     reachable = _reachable(campaign, robot, correct)
     steps, notes = validation_steps(
         campaign.config.validation,
@@ -406,6 +415,6 @@ def _work(
         np.random.default_rng(campaign.config.plan.seed),
         campaign.region,
     )
-    how = identification_options(campaign)
-    work = engine_work(campaign, stage, steps, reachable.kinematics, robot.digest(), how)
+    fit_options = identification_options(campaign)
+    work = engine_work(campaign, stage, steps, reachable.kinematics, robot.digest(), fit_options)
     return work, notes

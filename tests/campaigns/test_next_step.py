@@ -2,7 +2,6 @@
 
 import os
 import shlex
-import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
@@ -16,7 +15,7 @@ from paper_campaign import MECHANISM, PaperCampaign, new_campaign
 from campaigns.campaign import open_campaign
 from campaigns.controllers.export import PLAIN, PLAIN_FILE, WrittenSet
 from campaigns.evaluation.decision import NO_LIMIT, Decision
-from campaigns.evidence import Evaluation, Evidence, Incident, evaluate, gather
+from campaigns.evidence import Evaluation, Evidence, Incident, MeasuredSeries, evaluate, gather
 from campaigns.identification import findings
 from campaigns.identification.checking import RecordedCheck
 from campaigns.identification.findings import Finding
@@ -31,7 +30,6 @@ from campaigns.robots.reduced_form import ReducedForm
 from campaigns.workflow.checking import check_work
 from campaigns.workflow.status import doubtful
 from campaigns.workflow.work import known_sets
-from drivers.texts import quoted
 
 FAILING = (
     findings.BEYOND_TOLERANCE,
@@ -142,20 +140,16 @@ def test_no_advice_leads_back_and_all_end() -> None:
             {"planned": True, "before": True, "misplaced": "it stands there"},
             "set tracker.place_mm in campaign.yaml (it stands there), then: plan DIR",
         ),
-        ({**MEASURED, "unmeasured": "anew"}, "run DIR --anew"),
-        ({**MEASURED, "unmeasured": "run"}, "run DIR"),
         (
             {**MEASURED, "unmeasured": "run", "worker": "process 7"},
             "wait, or look on by `watch DIR` (process 7 works on this campaign), then: status DIR",
         ),
-        (MEASURED, "identify DIR"),
         ({**PASSED, "to_export": "yaml", "overwrite": True}, "export DIR --force"),
+        ({**PASSED, "by_targets": True}, "validate DIR --stage after --by targets"),
         (
             {**PASSED, "to_export": "plain"},
             "the controller does not have all parameters, then: export DIR --format plain",
         ),
-        ({**PASSED, "check": "update"}, "identify DIR --update"),
-        ({**PASSED, "check": "again"}, "check DIR"),
         (
             {**PASSED, "check": "anew"},
             "look for what changed since the shots, and measure again, then: run DIR --anew",
@@ -165,7 +159,6 @@ def test_no_advice_leads_back_and_all_end() -> None:
             {**PASSED, "holds": True, "after": "worse"},
             "the robot became worse by what it was loaded with, then: load DIR --rollback",
         ),
-        ({**PASSED, "by_targets": True}, "validate DIR --stage after --by targets"),
     ],
 )
 def test_step_names_a_command_that_can_be_typed(state: dict[str, Any], says: str) -> None:
@@ -203,15 +196,26 @@ def test_remedy_follows_the_first_finding(found: Any, says: str) -> None:
     assert step.says.replace("pkmcal ", "") == says
 
 
-def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None:
+@pytest.fixture(scope="module")
+def evidence(whole: PaperCampaign) -> Evidence:
+    """Evidence of a whole campaign; tests replace parts of it."""
+    return gather(open_campaign(whole.folder))
+
+
+def advised(evidence: Evidence, **changes: Any) -> str:
+    """Words of the step that follows from changed evidence, once the report is made."""
+    step = next_step(state_of(Evaluation(replace(evidence, **changes)), reported=True))
+    assert step is not None
+    return words_of(step).replace(f"{evidence.campaign.folder}/", "")
+
+
+def test_evidence_says_what_a_campaign_has_reached(evidence: Evidence) -> None:
     """What is there of a whole campaign, with one thing after the other taken away."""
-    evidence = gather(open_campaign(whole.folder))
-    assert evidence.journal is not None
-    assert evidence.plan is not None
     runs = tuple(each for each in evidence.journal.series if each.started.stage == "run")
     unfinished = tuple(replace(each, finished=False) for each in runs)
-    left: list[tuple[dict[str, object], str]] = [
-        ({}, "report"),
+    assert words_of(next_step(state_of(Evaluation(evidence)))) == "report"
+    taken: dict[str, object] = {}
+    for part, says in (
         ({"after": ()}, "validate --stage after"),
         ({"loaded": None}, "load"),
         ({"parameter_file": None}, "export"),
@@ -219,60 +223,43 @@ def test_evidence_says_what_a_campaign_has_reached(whole: PaperCampaign) -> None
         ({"journal": replace(evidence.journal, series=unfinished)}, "run"),
         ({"journal": None, "before": ()}, "validate --stage before"),
         ({"plan": None}, "plan"),
-    ]
-    for taken, said in left:
-        evidence = replace(evidence, **taken)  # type: ignore[arg-type]
-        step = next_step(state_of(Evaluation(evidence)))
-        assert step is not None
-        assert words_of(step) == said, taken
-
-
-def test_another_set_that_was_loaded_since_and_a_spoilt_file_are_put_right(
-    whole: PaperCampaign,
-) -> None:
-    evidence = gather(open_campaign(whole.folder))
-    assert evidence.loaded is not None
-    since, digest = "2999-01-01T00:00:00+00:00", evidence.campaign.robot.digest()
-    nominal = replace(evidence.loaded, digest=digest, at_utc=since)
-    for changed, said in (
-        ({"loaded": nominal}, "load"),
-        ({"parameter_file": None, "spoilt_parameter_file": True}, "export --force"),
     ):
-        now = Evaluation(replace(evidence, **changed))  # type: ignore[arg-type]
-        step = next_step(state_of(now, reported=True))
-        assert step is not None
-        assert words_of(step) == said
-        assert now.verdict.decision == "not decided"
+        taken |= part
+        assert advised(evidence, **taken) == says, part
 
 
-def test_what_is_loaded_after_a_validation_is_validated_too(whole: PaperCampaign) -> None:
-    """A form of what was validated, and parameters beside corrected targets."""
-    evidence = gather(open_campaign(whole.folder))
-    assert evidence.loaded is not None
-    assert evidence.sets is not None
+def test_spoilt_parameter_file_is_exported_again(evidence: Evidence) -> None:
+    spoilt = {"parameter_file": None, "spoilt_parameter_file": True}
+    assert advised(evidence, **spoilt) == "export --force"
+    assert Evaluation(replace(evidence, **spoilt)).verdict.decision == "not decided"
+
+
+def test_what_is_loaded_after_a_validation_is_validated_too(evidence: Evidence) -> None:
+    """The nominal set, a form of what was validated, and parameters beside corrected targets."""
+    nominal = evidence.campaign.robot.digest()
     form = ReducedForm(evidence.loaded.digest, 0.1, 0.2, 0.1, PLAIN)
-    known = replace(evidence.sets, forms={"f": form})
-    series = evidence.after[-1].series
-    targets = replace(series, started=replace(series.started, stage="after by targets"))
-    by_targets = (replace(evidence.after[-1], series=targets),)
-    loaded = replace(evidence.loaded, at_utc="2999-01-01T00:00:00+00:00")
-    nominal = replace(series.started, robot_file_digest=evidence.campaign.robot.digest())
-    lost = (replace(evidence.after[-1], series=replace(series, started=nominal)),)
-    step = next_step(state_of(Evaluation(replace(evidence, after=lost))))
-    assert step is not None
-    assert words_of(step) == "load"  # the controller did not keep what was loaded before
-    for changed, said in (
-        ({"loaded": replace(loaded, digest="f")}, "validate --stage after"),
-        ({"loaded": loaded, "after": by_targets}, "validate --stage after"),
-        ({"loaded": loaded}, None),
-        ({"loaded": replace(evidence.loaded, digest="f")}, None),
-        ({"parameter_file": SimpleNamespace(digest=lambda: "f")}, None),
+    known = replace(evidence, sets=replace(evidence.sets, forms={"f": form}))
+    last = evidence.after[-1]
+
+    def after(**started: str) -> tuple[MeasuredSeries, ...]:
+        changed = replace(last.series, started=replace(last.series.started, **started))
+        return (replace(last, series=changed),)
+
+    lost = after(robot_file_digest=nominal)
+    assert advised(known, after=lost) == "load", "the controller did not keep what was loaded"
+    later = replace(evidence.loaded, at_utc="2999-01-01T00:00:00+00:00")
+    for changes, says in (
+        ({"loaded": replace(later, digest=nominal)}, "load"),
+        ({"loaded": replace(later, digest="f")}, "validate --stage after"),
+        ({"loaded": later, "after": after(stage="after by targets")}, "validate --stage after"),
+        ({"loaded": later}, "report"),
+        ({"loaded": replace(evidence.loaded, digest="f")}, "report"),
+        ({"parameter_file": SimpleNamespace(digest=lambda: "f")}, "report"),
     ):
-        now = Evaluation(replace(evidence, sets=known, **changed))  # type: ignore[arg-type]
-        step = next_step(state_of(now, reported=True))
-        since = [c for c in now.checks if "holds now" in c.statement]
-        assert [c.holds for c in since] == ([False] if said else []), changed
-        assert (words_of(step) if said and step else None) == said, changed
+        assert advised(known, **changes) == says, changes
+        checks = Evaluation(replace(known, **changes)).checks
+        since = [check.holds for check in checks if "holds now" in check.statement]
+        assert since == ([] if says == "report" else [False]), changes
 
 
 def test_a_new_campaign_is_planned_once_its_plan_can_be_read(tmp_path: Path) -> None:
@@ -285,81 +272,72 @@ def test_a_new_campaign_is_planned_once_its_plan_can_be_read(tmp_path: Path) -> 
     assert state_of(evaluate(paper.campaign)).planned
 
 
-def test_a_report_counts_until_journal_or_settings_change(whole: PaperCampaign) -> None:
-    evaluation = evaluate(open_campaign(whole.folder))
-    journal = evaluation.evidence.journal
-    assert journal is not None
-    report = whole.folder / "report.html"
-    for text, is_reported in ((journal.digest, True), ("of another journal", False)):
+def test_a_report_counts_until_journal_or_settings_change(
+    evidence: Evidence, tmp_path: Path
+) -> None:
+    campaign = replace(evidence.campaign, folder=tmp_path)
+    (tmp_path / "campaign.yaml").write_text("name: paper\n")
+    evaluation = Evaluation(replace(evidence, campaign=campaign))
+    report, digest = tmp_path / "report.html", evidence.journal.digest
+    for text, is_reported in ((digest, True), ("of another journal", False)):
         report.write_text(text)
         assert state_of(evaluation).reported == is_reported
-    report.write_text(journal.digest)
+    report.write_text(digest)
     os.utime(report, (0, 0))
     assert not state_of(evaluation).reported
 
 
-def test_a_tracker_that_stands_elsewhere_is_told_until_its_place_is_set(
-    whole: PaperCampaign,
-) -> None:
-    evidence = gather(open_campaign(whole.folder))
-    journal = evidence.journal
-    assert journal is not None
+def test_a_tracker_that_stands_elsewhere_is_said_until_its_place_is_set(evidence: Evidence) -> None:
+    campaign, journal = evidence.campaign, evidence.journal
     said = Event("tracker place", f"{WRONG_PLACE} (1, 2, 3) mm, campaign.yaml says …; correct it")
-    incident = Incident("", journal.series[-1].number, said)
-    place_mm = list(evidence.campaign.config.tracker.place_mm)
     last = journal.series[-1]
+    place_mm = list(campaign.config.tracker.place_mm)
     started = replace(last.started, configuration={"tracker": {"place_mm": place_mm}})
     series = (*journal.series[:-1], replace(last, started=started))
-    evidence = replace(evidence, journal=replace(journal, series=series, incidents=(incident,)))
-    assert state_of(Evaluation(evidence)).misplaced.startswith(WRONG_PLACE)
-    config = evidence.campaign.config
-    tracker = config.tracker.model_copy(update={"place_mm": (1.0, 2.0, 3.0)})
-    config = config.model_copy(update={"tracker": tracker})
-    moved = replace(evidence, campaign=replace(evidence.campaign, config=config))
-    assert not state_of(Evaluation(moved)).misplaced
+    journal = replace(journal, series=series, incidents=(Incident("", last.number, said),))
+    misplaced = replace(evidence, journal=journal)
+    assert state_of(Evaluation(misplaced)).misplaced.startswith(WRONG_PLACE)
+    tracker = campaign.config.tracker.model_copy(update={"place_mm": (1.0, 2.0, 3.0)})
+    config = campaign.config.model_copy(update={"tracker": tracker})
+    corrected = replace(misplaced, campaign=replace(campaign, config=config))
+    assert not state_of(Evaluation(corrected)).misplaced
 
 
-def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: PaperCampaign) -> None:
+def test_a_form_that_the_controller_takes_is_loaded_and_else_written(evidence: Evidence) -> None:
     """By a controller without tilts and backlash, before all parameters are exported."""
-    evidence = gather(open_campaign(whole.folder))
-    found, journal = evidence.identification, evidence.journal
-    assert found is not None
-    assert journal is not None
-    mechanism = evidence.campaign.robot.mechanism
     terms = {"arm1.axis_tilt_deg": 0.02, "arm2.backlash_deg": 0.01}
     added = {
         name: IdentifiedParameter(nominal=0.0, value=value, std=0.001, free=True)
         for name, value in terms.items()
     }
-    found = replace(found, parameters=found.parameters | added)
-    identified = found.parameter_set(mechanism)
-    lacking = tuple(
-        replace(each, started=replace(each.started, lacks=tuple(terms))) for each in journal.series
+    parameters = evidence.identification.parameters | added
+    identification = replace(evidence.identification, parameters=parameters)
+    whole_set = identification.parameter_set(MECHANISM)
+    plain = {name: value for name, value in whole_set.items() if name not in terms}
+    series = tuple(
+        replace(each, started=replace(each.started, lacks=tuple(terms)))
+        for each in evidence.journal.series
     )
-    told = replace(
+    lacking = replace(
         evidence,
-        identification=found,
-        journal=replace(journal, series=lacking),
+        identification=identification,
+        journal=replace(evidence.journal, series=series),
         parameter_file=None,
         loaded=None,
     )
 
-    def form(of: str = identified.digest(), file: str = PLAIN_FILE) -> WrittenSet:
-        own = Parameters.of(
-            mechanism.parameters, {k: v for k, v in identified.items() if k not in terms}
-        )
-        return WrittenSet.of(file, own, projection=ReducedForm(of, 0.1, 0.2, 0.1, PLAIN))
+    def form(of: str = whole_set.digest(), file: str = PLAIN_FILE) -> WrittenSet:
+        parameters = Parameters.of(MECHANISM.parameters, plain)
+        return WrittenSet.of(file, parameters, projection=ReducedForm(of, 0.1, 0.2, 0.1, PLAIN))
 
-    for forms, said in (
+    for forms, says in (
         ((), "export --format plain"),
         ((form("older"),), "export --format plain --force"),
         ((form("older", "elsewhere.yaml"),), "export --format plain"),
         ((form(),), "load --robot robot-plain.yaml"),
         ((form(file="elsewhere.yaml"), form()), "load --robot elsewhere.yaml"),
     ):
-        step = next_step(state_of(Evaluation(replace(told, forms=forms))))
-        assert step is not None
-        assert words_of(step).replace(f"{whole.folder}/", "") == said, forms
+        assert advised(lacking, forms=forms) == says, forms
 
 
 @pytest.mark.parametrize(
@@ -367,56 +345,34 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(whole: Pape
     [("fail", ("encoder 2",), "update"), ("fail", (), "anew"), ("not decided", (), "again")],
 )
 def test_a_bad_check_is_doubtful_until_new_shots_answer_it(
-    whole: PaperCampaign, decision: Decision, parts: tuple[str, ...], answer: str
+    evidence: Evidence, decision: Decision, parts: tuple[str, ...], answer: str
 ) -> None:
-    evidence = gather(open_campaign(whole.folder))
-    assert evidence.identification is not None
-    assert evidence.journal is not None
-    check = bad_check(evidence, decision, parts)
-    assert told(evidence, check) == answer
-    assert told(evidence, replace(check, decision="pass")) == ""
-    assert told(evidence, replace(check, of="of other parameters")) == "again"
+    digest = evidence.identification.parameter_set(MECHANISM).digest()
+    check = RecordedCheck(
+        decision=decision, says="not good", shots=8, chi2=99.0, dof=18, p=0.0, parts=parts,
+        log_factors={}, series=50, of=digest, at_utc="",
+    )  # fmt: skip
+    assert answer_to(evidence, check) == answer
+    assert answer_to(evidence, replace(check, decision="pass")) == ""
+    assert answer_to(evidence, replace(check, of="of other parameters")) == "again"
     (run,) = (each for each in evidence.journal.series if each.to_identify)
     later = replace(evidence.journal, series=(*evidence.journal.series, replace(run, number=99)))
     assert replace(evidence, journal=later, checked=check).unanswered is None
+
+
+def answer_to(evidence: Evidence, check: RecordedCheck) -> str:
+    """The answer to a check, of which state, status and checks say the same."""
+    evaluation = Evaluation(replace(evidence, checked=check))
+    answer = state_of(evaluation).check
+    said = [check.says in each for each in doubtful(evaluation)]
+    assert said.count(True) == bool(answer)
+    changed = "the robot is as it was identified"
+    holds = [each.holds for each in evaluation.checks if each.statement == changed]
+    assert holds == ([False] if answer and check.decision == "fail" else [])
+    return answer
 
 
 def test_a_check_is_of_the_set_that_files_and_other_findings_name(whole: PaperCampaign) -> None:
     campaign = open_campaign(whole.folder)
     work = check_work(campaign, CheckOptions())
     assert known_sets(campaign).state(work.robot_file_digest).kind == "identified"
-
-
-def bad_check(evidence: Evidence, decision: Decision, parts: tuple[str, ...]) -> RecordedCheck:
-    """A check of the latest set that is not good."""
-    assert evidence.identification is not None
-    mechanism = evidence.campaign.robot.mechanism
-    digest = evidence.identification.parameter_set(mechanism).digest()
-    return RecordedCheck(
-        decision=decision, says="not good", shots=8, chi2=99.0, dof=18, p=0.0, parts=parts,
-        log_factors={}, series=50, of=digest, at_utc="",
-    )  # fmt: skip
-
-
-def told(evidence: Evidence, check: RecordedCheck) -> str:
-    """What is said to answer a check, by state and by status alike."""
-    evaluation = Evaluation(replace(evidence, checked=check))
-    answer = state_of(evaluation).check
-    said = [check.says in each for each in doubtful(evaluation)]
-    assert said.count(True) == bool(answer)
-    changed = "the robot is as it was identified"
-    found = [each.holds for each in evaluation.checks if each.statement == changed]
-    assert found == ([False] if answer and check.decision == "fail" else [])
-    return answer
-
-
-def test_folder_whose_name_is_no_utf_8_is_typed_as_a_shell_takes_it() -> None:
-    name = os.fsdecode(b"it's M\374ller \\")
-    step = f"pkmcal plan {quoted(name)}"
-    assert step.isprintable()
-    echoed = subprocess.run(
-        ["bash", "-c", step.replace("pkmcal plan", "printf %s")],
-        stdout=subprocess.PIPE,
-        check=False,
-    )
-    assert echoed.stdout == os.fsencode(name)

@@ -14,9 +14,14 @@ OPTIONS = ValidationOptions(stage="before")
 ACTIVE = dict(NOMINAL.robot.parameters)
 
 
-def test_a_reflector_on_half_2_is_commanded_by_poses_of_the_controllers_own_point(tmp_path):
+@pytest.fixture
+def paper(tmp_path):
     paper = new_campaign(tmp_path / "c")
     paper.run(pairs=1, unseen=1)
+    return paper
+
+
+def test_a_reflector_on_half_2_is_commanded_by_poses_of_the_controllers_own_point(paper):
     plain, _ = validation_work(paper.campaign, ACTIVE, OPTIONS)
     assert not any(step.corrected for step in plain.steps)
     with (paper.folder / "robot.yaml").open("a", encoding="utf-8") as file:
@@ -27,9 +32,7 @@ def test_a_reflector_on_half_2_is_commanded_by_poses_of_the_controllers_own_poin
     assert all(step.corrected and step.corrected != step.planned.pose for step in turned)
 
 
-def test_a_shot_to_skip_that_is_none_is_refused_and_others_are_kept_out(tmp_path):
-    paper = new_campaign(tmp_path / "c")
-    paper.run(pairs=1, unseen=1)
+def test_unknown_shot_to_skip_is_refused_and_others_are_kept_out(paper):
     work, _ = validation_work(paper.campaign, ACTIVE, replace(OPTIONS, skip=(1,)))
     assert work.skip == {1}
     with pytest.raises(OptionsInvalid, match="--skip 999: this validation has no such shot"):

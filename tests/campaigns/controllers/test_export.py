@@ -24,16 +24,13 @@ PROVENANCE = {
     "journal_records": 500,
     "at_utc": "2026-03-02T08:00:00Z",
 }
-COMMENTS = ("# the robot of line 3", "# measured in 2019")
 
 
 @pytest.fixture
 def nominal(tmp_path: Path) -> RobotDocument:
     path = tmp_path / "robot.yaml"
     text = find_robot("par4-prototype").document.text
-    text = text.replace("name: par4-prototype", f"name: line-3  {COMMENTS[0]}")
-    text = text.replace("plate_mm: 100.0", f"plate_mm: 100.0  {COMMENTS[1]}")
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text.replace("name: par4-prototype", "name: line-3"), encoding="utf-8")
     return read_robot(path)
 
 
@@ -84,40 +81,25 @@ def test_exported_parameters_and_deviations_are_read_back(
     assert robot.limits == nominal.robot.limits
 
 
-def test_axis_tilts_and_backlash_are_exported(nominal: RobotDocument) -> None:
-    beyond = {"nominal": 0.0, "value": 0.02, "std": 0.001, "free": True}
-    extended = {"arm2.axis_tilt_deg": beyond, "arm2.backlash_deg": beyond}
-    parameters = body(nominal)["parameters"] | extended
-    robot = compensated_robot("press 4", nominal, finding(nominal, parameters=parameters)).robot
-    assert robot.parameters.extended_by == ("arm2.axis_tilt_deg", "arm2.backlash_deg")
-    for name in extended:
-        assert robot.parameters[name] == 0.02
-        assert (robot.parameters.std or {})[name] == 0.001
-
-
-def test_ripples_are_exported_with_the_nominal_robot_s_rate(nominal: RobotDocument) -> None:
-    ripple = {"nominal": 0.0, "value": 0.003, "std": 0.001, "free": True}
-    robots = {}
-    for rate in (29.0, 30.0):
-        geared = with_ripples_per_turn(nominal, rate)
-        parameters = body(geared)["parameters"] | {"arm2.ripple_cos_deg": ripple}
-        robot = compensated_robot("press 4", geared, finding(geared, parameters=parameters)).robot
-        assert robot.parameters["ripples_per_turn"] == robot.mechanism.rate == rate
-        robots[rate] = robot
-    assert robots[29.0].digest() != robots[30.0].digest()
-
-
-def test_the_file_is_the_identified_set_by_its_digest_with_ripples_too(
+def test_tilts_gear_errors_and_the_nominal_robots_ripple_rate_are_exported(
     nominal: RobotDocument,
 ) -> None:
     """An identification lists no rate, which is of the robot that it rests on."""
     geared = with_ripples_per_turn(nominal, 30.0)
-    ripple = {"nominal": 0.0, "value": 0.003, "std": 0.001, "free": True}
-    listed = {n: entry(n, value) for n, value in nominal.robot.parameters.items()}
-    identification = finding(geared, parameters=listed | {"arm2.ripple_cos_deg": ripple})
-    exported = compensated_robot("press 4", geared, identification).robot
-    assert exported.parameters.rate == 30.0
-    assert identification.parameter_set(geared.robot.mechanism).digest() == exported.digest()
+    beyond = {"nominal": 0.0, "value": 0.02, "std": 0.001, "free": True}
+    names = ("arm2.axis_tilt_deg", "arm2.backlash_deg", "arm2.ripple_cos_deg")
+    parameters = body(geared)["parameters"] | dict.fromkeys(names, beyond)
+    identification = finding(geared, parameters=parameters)
+    robot = compensated_robot("press 4", geared, identification).robot
+    assert {*names} <= {*robot.parameters.extended_by}
+    for name in names:
+        assert robot.parameters[name] == 0.02
+        assert (robot.parameters.std or {})[name] == 0.001
+    assert robot.parameters["ripples_per_turn"] == robot.mechanism.rate == 30.0
+    assert identification.parameter_set(geared.robot.mechanism).digest() == robot.digest()
+    other = with_ripples_per_turn(nominal, 29.0)
+    again = compensated_robot("press 4", other, finding(other, parameters=parameters)).robot
+    assert again.digest() != robot.digest()
 
 
 def test_provenance_says_where_everything_comes_from(nominal: RobotDocument) -> None:
@@ -143,30 +125,25 @@ def test_provenance_says_where_everything_comes_from(nominal: RobotDocument) -> 
     assert json.dumps(provenance, allow_nan=False)
 
 
-@pytest.mark.parametrize("controller", [None, Identity("LinuxCNC", "Par4", "", "1", "rsh")])
-def test_unknown_serial_is_stated_as_unknown(
-    nominal: RobotDocument, controller: Identity | None
+def test_unknown_serial_is_stated_as_unknown(nominal: RobotDocument) -> None:
+    for controller in (None, Identity("LinuxCNC", "Par4", "", "1", "rsh")):
+        robot = compensated_robot("press 4", nominal, finding(nominal), controller).robot
+        assert (robot.provenance or {})["controller_serial"] is None
+
+
+def test_result_that_did_not_pass_or_is_of_another_nominal_robot_is_not_exported(
+    nominal: RobotDocument,
 ) -> None:
-    robot = compensated_robot("press 4", nominal, finding(nominal), controller).robot
-    assert (robot.provenance or {})["controller_serial"] is None
-
-
-@pytest.mark.parametrize("verdict", ["fail", "not decided"])
-def test_result_that_did_not_pass_is_not_exported(nominal: RobotDocument, verdict: str) -> None:
-    found = finding(nominal, verdict=verdict, reasons=["hold-out pairs got worse", "rank lost"])
-    with pytest.raises(
-        errors.VerdictBad, match=f"'{verdict}': hold-out pairs got worse; rank lost"
-    ):
-        compensated_robot("press 4", nominal, found)
-
-
-def test_result_for_another_nominal_robot_is_not_exported(nominal: RobotDocument) -> None:
-    other = find_robot("par4-table1")
+    failed = finding(nominal, verdict="not decided", reasons=["hold-out pairs worse", "rank lost"])
+    with pytest.raises(errors.VerdictBad, match="'not decided': hold-out pairs worse; rank lost"):
+        compensated_robot("press 4", nominal, failed)
     with pytest.raises(errors.VerdictBad, match="rests on another nominal robot"):
-        compensated_robot("press 4", other, finding(nominal))
+        compensated_robot("press 4", find_robot("par4-table1"), finding(nominal))
 
 
-def test_latest_identification_counts(tmp_path: Path, nominal: RobotDocument) -> None:
+def test_latest_identification_counts_also_where_it_cannot_be_read(
+    tmp_path: Path, nominal: RobotDocument
+) -> None:
     with plain_journal(tmp_path) as journal:
         with pytest.raises(errors.ShotsMissing, match="nothing has been identified"):
             latest_identification(journal)
@@ -174,13 +151,6 @@ def test_latest_identification_counts(tmp_path: Path, nominal: RobotDocument) ->
             journal.append(Finding("identification", body(nominal, shots=number)))
         journal.append(Finding("load", {"source": "robot.yaml"}))
         assert latest_identification(journal) == finding(nominal, shots=2)
-
-
-def test_latest_identification_that_cannot_be_read_is_said_and_none_before_it_counts(
-    tmp_path: Path, nominal: RobotDocument
-) -> None:
-    with plain_journal(tmp_path) as journal:
-        journal.append(Finding("identification", body(nominal)))
         journal.append(Finding("identification", {"verdict": "pass"}))
         with pytest.raises(errors.FindingUnreadable, match="identify DIR` again"):
             latest_identification(journal)

@@ -76,6 +76,10 @@ def break_before(controller: Controller, geometry: Mapping[str, float]) -> None:
     raise DOWN
 
 
+def take_rounded(controller: Controller, geometry: Mapping[str, float]) -> None:
+    controller.held = {name: value * (1 + 1e-12) for name, value in geometry.items()}
+
+
 def failure(controller: Controller) -> LoadNotVerified:
     with pytest.raises(LoadNotVerified) as caught:
         write_verified(controller, NEW, OLD)
@@ -100,22 +104,12 @@ def test_written_parameters_are_read_back_also_in_other_units() -> None:
     write_verified(controller, NEW, OLD)
     assert controller.held == NEW
     assert controller.calls == ["write", "reconnect", "read"]
-
-    def take_rounded(controller: Controller, geometry: Mapping[str, float]) -> None:
-        controller.held = {name: value * (1 + 1e-12) for name, value in geometry.items()}
-
     write_verified(Controller(on_write=[take_rounded]), NEW, OLD)
 
 
 def test_parameters_that_one_connection_alone_has_are_not_verified() -> None:
-    @dataclass
-    class Forgetful(Controller):
-        """Keeps in memory what is written, until the next connection."""
-
-        def reconnect(self) -> None:
-            self.held = dict(OLD)
-
-    controller = Forgetful()
+    controller = Controller()
+    controller.reconnect = lambda: take(controller, OLD)  # until then it was kept in memory
     with pytest.raises(LoadNotVerified, match=r"arm0.arm_mm is 350\.0, not 350\.5"):
         write_verified(controller, NEW, OLD)
 

@@ -103,12 +103,6 @@ def test_wrong_file_is_refused_with_all_reasons_and_force_keeps_them(campaign: C
     assert [text.removeprefix("overruled by --force: ") for text in told] == body["forced"]
 
 
-def test_nominal_set_may_be_loaded_without_a_word(campaign: Campaign, new) -> None:
-    controller = Controller(new)
-    assert loaded(campaign, controller, campaign.path("robot.yaml")).outcome == "loaded"
-    assert controller.held == OLD
-
-
 def test_far_parameters_of_a_controller_are_kept_as_the_old_ones_only_by_force(
     campaign: Campaign,
 ) -> None:
