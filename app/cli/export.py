@@ -63,7 +63,7 @@ def command(
     parameters.
     """
     left_mm = None
-    if format_ == "shots":
+    if format_ == "shots":  # what was measured, not what was identified
         path, halves = exporting.export_shots(campaign, to, overwrite=force)
         if halves:
             terminal.note(f"left out because their pair is incomplete: shots {halves}")

@@ -68,7 +68,7 @@ def command(
     if held is not None:
         terminal.note(f"since the last load the controller holds {held.says}")
     work = run_work(campaign, checked, options)
-    # a complete series is answered again and not measured again, unless --anew asks for a new one
+    # a complete series is answered again and not measured again, unless `--anew` asks for a new one
     ran = None if anew else find_measured(campaign, work, terminal)
     if dry:
         tell_who_works(terminal, campaign)

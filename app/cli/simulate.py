@@ -73,7 +73,7 @@ def command(
     if robot is not None:
         loaded = parse_scenario(cell_text(find_robot(robot).robot, scenario), scenario)
     cell = Cell(loaded, seed=seed)
-    server = CellServer(ScaledClock(loaded.speed_up), cell.faults)
+    server = CellServer(ScaledClock(loaded.speed_up), cell.faults)  # sockets live by the wall clock
     tracker = server.serve_tcp(tracker_sessions(cell, tracker_driver), "tracker", tracker_port)
     controller = controller_sessions(cell)
     answer = CellAnswer(
