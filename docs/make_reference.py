@@ -22,14 +22,13 @@ from typer.main import get_command
 
 from app.main import COMMANDS, app
 from campaigns.kinematics.catalog import MECHANISMS
-from campaigns.kinematics.parameters import OPTIONAL
-from campaigns.robots.schema import RobotContents
+from campaigns.robots.schema import contents_model
 from campaigns.settings.config import CampaignConfig
 from sim.scenarios.schema import Scenario
 
 DOCS = Path(__file__).parent
 FILES, COMMANDS_PAGE = DOCS / "reference" / "files.md", DOCS / "reference" / "commands.md"
-SCHEMAS = {"robot.yaml": RobotContents, "campaign.yaml": CampaignConfig, "cell.yaml": Scenario}
+SCHEMAS = {"campaign.yaml": CampaignConfig, "cell.yaml": Scenario}
 PART = re.compile(r"(<!-- keys of (.*?) -->\n).*?(\n<!-- end -->)", re.DOTALL)
 HEAD = """# Commands
 
@@ -37,13 +36,9 @@ Every option, from the commands' own help: `docs/make_reference.py` writes this 
 `pkmcal COMMAND --help` also explains how the command works, with examples.
 """
 TYPES = {"string": "text", "boolean": "true, false", "array": "list", "object": "mapping"}
-HELP_WORDS = {
-    r"\[default: \((.*?)\)": r"[default: \1",
-    r"(\d+)<=x<=(\d+)": r"\1 to \2",
-    r"x>=(\d+)": r"\1 or more",
-    "  \\[": " [",
-}
-"""What click writes into help, and how the table words it."""
+CRANKS = tuple(name for name, chain in MECHANISMS.items() if chain.joints[0].is_revolute)
+RAILS = tuple(name for name in MECHANISMS if name not in CRANKS)
+GROUPS = {tuple(MECHANISMS): "all", CRANKS: "cranks", RAILS: "rails"}
 SHARED_BY = 3  # commands from which on an option of one meaning is described once, at the top
 
 
@@ -53,7 +48,7 @@ def pages() -> dict[Path, str]:
     tables = {
         name: table(head, keys_of(model.model_json_schema())) for name, model in SCHEMAS.items()
     }
-    tables["geometry"] = table(("key", "default", "meaning", "of"), parameter_rows())
+    tables["robot.yaml"] = table((*head, "mechanisms"), robot_rows())
     text = FILES.read_text(encoding="utf-8")
     filled = PART.sub(lambda part: f"{part[1]}\n{tables[part[2]]}\n{part[3]}", text)
     return {FILES: filled, COMMANDS_PAGE: commands_page()}
@@ -79,16 +74,17 @@ def keys_of(schema: dict[str, Any]) -> Iterator[tuple[str, str, str]]:
             key, needed = prefix + name, name in section.get("required", ())
             for choice in field.get("anyOf", ()):  # of an optional key the part that is not null
                 field = choice | field if choice.get("type") != "null" else field
-            title = field.get("items", field).get("$ref", "").rpartition("/")[2]
+            item = field.get("items") or field.get("prefixItems", [field])[0]
+            title = item.get("$ref", "").rpartition("/")[2]
             inner = schema.get("$defs", {}).get(title, {})
             meaning = field.get("description") or docstrings.get((section["title"], name), "")
             if title in seen:
                 meaning += f"; keys as of `{seen[title]}`"
-            if title in seen or "items" in field or not inner.get("properties"):
+            if title in seen or item is not field or not inner.get("properties"):
                 words = wording(meaning or section["description"])
                 yield f"`{key}`", value_of(field, needed=needed), words
             if inner.get("properties") and seen.setdefault(title, key) == key:
-                yield from rows(inner, f"{key}[]." if "items" in field else f"{key}.")
+                yield from rows(inner, f"{key}[]." if item is not field else f"{key}.")
 
     return rows(schema, "")
 
@@ -113,7 +109,8 @@ def value_of(field: dict[str, Any], *, needed: bool) -> str:
         return others if default is None else f"{default} (or {others})"
     if default not in (None, "", [], {}) and not re.search("[{]", text := json.dumps(default)):
         return re.sub(r"\.0\b", "", text.strip('"'))
-    coordinates = {2: "[lowest, highest]", 3: "[x, y, z]"}.get(len(field.get("prefixItems", ())))
+    items = [item for item in field.get("prefixItems", ()) if item.get("type") == "number"]
+    coordinates = {2: "[lowest, highest]", 3: "[x, y, z]"}.get(len(items))
     kind = coordinates or TYPES.get(field.get("type", "object"), field.get("type", ""))
     return "**needed**" if needed and kind == "number" else kind + ", **needed**" * needed
 
@@ -126,21 +123,16 @@ def wording(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def parameter_rows() -> Iterator[tuple[str, ...]]:
-    """Yield a row for each parameter of arms and platform, with the robots that have it."""
-    owners: dict[tuple[str, ...], set[str]] = {}
-    for name, chain in MECHANISMS.items():
-        limb, robot = "cranks" if chain.joints[0].is_revolute else "rails", chain.parameters
-        for key, of, fields in (
-            ("arms[].", limb, robot.arm_fields),
-            ("", name, robot.platform_fields),
-        ):
-            for field in (*fields(), *fields(*OPTIONAL)):
-                default = "0" if field.role in OPTIONAL else "**needed**"
-                meaning = wording(re.sub("^[xyz] of", "place of", field.description))
-                owners.setdefault((f"`{key}{field.name}`", default, meaning), set()).add(of)
-    for row, of in owners.items():
-        yield *row, "all" if of in ({"cranks", "rails"}, set(MECHANISMS)) else ", ".join(sorted(of))
+def robot_rows() -> Iterator[tuple[str, ...]]:
+    """Yield the keys of robot files of all mechanisms, each with the mechanisms that have it."""
+    owners: dict[tuple[str, str, str], list[str]] = {}
+    for name in MECHANISMS:
+        for key, value, meaning in keys_of(contents_model(name, DOCS).model_json_schema()):
+            words = re.sub("^[XYZ] of", "Place of", meaning).removesuffix(f": {name}")
+            owners.setdefault((key, value, words), []).append(name)
+    sections = list(dict.fromkeys(key.split(".")[0] for key, *_ in owners))
+    for row in sorted(owners, key=lambda row: sections.index(row[0].split(".")[0])):
+        yield *row, GROUPS.get(tuple(owners[row]), ", ".join(owners[row]))
 
 
 def commands_page() -> str:
@@ -167,8 +159,8 @@ def option_rows(group: Any, name: str) -> Iterator[tuple[str, str]]:
         names = (
             re.sub(r" <(path|str|list.*)>", "", names).replace("|", " or ").replace("<csv>", "csv")
         )
-        for pattern, words in HELP_WORDS.items():
-            meaning = re.sub(pattern, words, meaning)
+        meaning = re.sub(r"\[default: \((.*?)\)", r"[default: \1", meaning).replace("  [", " [")
+        meaning = re.sub(r"(\d+)<=x<=(\d+)", r"\1 to \2", meaning).replace("x>=", "at least ")
         if names:
             yield f"`{names}`", meaning
 
