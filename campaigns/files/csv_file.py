@@ -1,4 +1,13 @@
-"""CSV files: one table of columns by which a file is read and written."""
+"""CSV files: one table of columns by which a file is read and written.
+
+A `CsvForm` lists the columns that a kind of file may have; each column states how its text becomes
+a value and back. Reading is strict, because a spreadsheet may have changed the file: the header
+must name the columns, every row must be as long as the header, a number must be written with a
+decimal point. What else people write (semicolons, tabs, decimal commas) is recognized only to say
+so in the error. Numbers are written with the shortest decimals that give the same double, so
+reading and writing again changes nothing. A text that begins like a formula is written with a `'`
+before it: a spreadsheet that opens the file must not calculate what an operator typed.
+"""
 
 import csv
 import io
@@ -12,34 +21,33 @@ from campaigns.errors import CampaignError
 from campaigns.files.wording import shown, suggestion
 
 NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-"""Matches in a time that grows with the text's length, not with its square."""
+"""Number as files hold it; matched in a time that grows with the text's length, not its square."""
 _WHOLE_NUMBER = re.compile(r"\+?\d{1,18}", re.ASCII)
 WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 SIDES = {"0": 0, "1": 1, "+1": 1, "-1": -1}
 _TEXT_OF_FORMULA = re.compile(r"'*[=+\-@\t\r]")
-"""Beginning of a text that a spreadsheet would calculate, or of one that was marked as text."""
+"""Beginning of a text that a spreadsheet would calculate, with any marks before it."""
 MOST_LINES = 50_000
-"""Of a file, so that it is refused within a second: more than twice what a campaign can plan."""
+"""Largest number of lines that are read, more than twice what a campaign can plan."""
 
 _POINT_REMEDY = "write decimal points and separate the columns by commas"
 
 
 def number_text(value: float) -> str:
-    """Write the shortest decimals that give the double again."""
+    """Write the shortest decimals that give the same double when they are read."""
     return repr(float(value) + 0.0)  # -0.0 becomes 0.0
 
 
 def fixed_text(value: float, decimals: int) -> str:
-    """Write so many decimals, as controllers read them."""
+    """Write a fixed number of decimals, as controllers read them."""
     return f"{round(float(value), decimals) + 0.0:.{decimals}f}"  # -0.0 becomes 0.0
 
 
 def angle_text(angle_rad: float) -> str:
-    """Write an angle in deg.
-
-    Its 12 decimals are fewer than converting to rad and back loses, and more than any encoder has:
-    a file that was read and written again is the same file.
-    """
+    """Write an angle in deg, with at most 12 decimals."""
+    # Converting to rad and back changes the last digits of a double. Twelve decimals are coarser
+    # than this change, so a file that is read and written again stays equal; and they are finer
+    # than any encoder.
     return number_text(round(math.degrees(angle_rad), 12))
 
 
@@ -50,10 +58,10 @@ class CsvColumn:
     name: str
     required: bool = False
     wanted: str = ""
-    """What a value must be, in words."""
+    """Condition that a value must meet, in words."""
     # Any: columns hold numbers and texts
     read: Callable[[str], Any] = str
-    """Makes the value of a text; None if the text is no such value."""
+    """Converts a text to its value; gives None for a text that is not valid."""
     write: Callable[[Any], str] = str
 
 
@@ -132,11 +140,11 @@ class CsvRow:
     invalid: type[CampaignError]
 
     def text(self, column: str) -> str:
-        """Return what stands there; empty when nothing does."""
+        """Return the text of a column; empty if the row has none."""
         return self.texts.get(column, "")
 
     def value(self, name: str) -> Any:
-        """Read the value of a column as its kind is; raises for any other text.
+        """Return the value of a column; raise `invalid` if its text is not valid.
 
         Any: columns hold numbers and texts.
         """
@@ -152,7 +160,7 @@ class CsvRow:
         )
 
     def values(self, names: Iterable[str]) -> tuple[Any, ...]:
-        """Read the values of some columns."""
+        """Return the values of several columns; raise `invalid` as `value` does."""
         return tuple(map(self.value, names))
 
     def wrong(self, problem: str, *, remedy: str) -> CampaignError:
@@ -161,7 +169,7 @@ class CsvRow:
 
 
 def parse_csv(text: str, name: str, form: CsvForm) -> Iterator[CsvRow]:
-    """Yield the rows of a file whose first line names its columns; raises `form.invalid`."""
+    """Yield the rows of a file whose first line names its columns; raise `form.invalid`."""
     check_lines(text, name, form.invalid)
     lines = _filled_lines(text, name, form.invalid)
     columns = {column.name: column for column in form.columns}
@@ -169,13 +177,13 @@ def parse_csv(text: str, name: str, form: CsvForm) -> Iterator[CsvRow]:
     _check_header(header, where, form)
     for where, values in lines:
         if len(values) != len(header):
-            raise _wrong_length(values, header, where, form.invalid)
-        texts = dict(zip(header, map(_unmarked, values), strict=True))
+            raise _length_error(values, header, where, form.invalid)
+        texts = dict(zip(header, map(_unmark, values), strict=True))
         yield CsvRow(where, texts, columns, form.invalid)
 
 
 def check_lines(text: str, name: str, invalid: type[CampaignError]) -> None:
-    """Raise `invalid`, before a line is read, for more than could be of such a file."""
+    """Raise `invalid`, before a line is read, for a text of more than `MOST_LINES` lines."""
     if max(text.count("\n"), text.count("\r")) > MOST_LINES:
         raise invalid(
             f"{name}: has more than {MOST_LINES} lines, the most that are read",
@@ -192,7 +200,7 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(header)
-    writer.writerows([_marked(_one_line(value)) for value in row] for row in rows)
+    writer.writerows([_mark(_one_line(value)) for value in row] for row in rows)
     return stream.getvalue()
 
 
@@ -200,6 +208,7 @@ def _filled_lines(
     text: str, name: str, invalid: type[CampaignError]
 ) -> Iterator[tuple[str, list[str]]]:
     """Yield each line that is not empty as its place and its values."""
+    # a quoted value may hold line breaks: a row begins after the last line of the row before
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     line = 1
     try:
@@ -214,12 +223,15 @@ def _filled_lines(
         ) from error
 
 
-def _marked(text: str) -> str:
+# The mark must come off again without fail, also from a text that began with `'` before it was
+# marked. So a text of any number of `'` before a formula's sign is marked, and one `'` is taken off
+# exactly such a text. A negative number begins like a formula, but is one to calculate with.
+def _mark(text: str) -> str:
     is_text = _TEXT_OF_FORMULA.match(text) and not NUMBER.fullmatch(text)
     return f"'{text}" if is_text else text
 
 
-def _unmarked(text: str) -> str:
+def _unmark(text: str) -> str:
     if not text.startswith("'"):
         return text
     bare = text.removeprefix("'")
@@ -261,7 +273,7 @@ def _check_separator(header: list[str], where: str, invalid: type[CampaignError]
             raise invalid(f"{where}: the columns are separated by {name}", remedy=_POINT_REMEDY)
 
 
-def _wrong_length(
+def _length_error(
     values: list[str], header: list[str], where: str, invalid: type[CampaignError]
 ) -> CampaignError:
     problem = f"{where}: {len(values)} values for {len(header)} columns"

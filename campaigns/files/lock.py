@@ -1,4 +1,12 @@
-"""Lock of a campaign: one process at a time, which says in the locked file who it is."""
+"""Lock of a campaign folder: one process at a time writes into it, and others can name it.
+
+The lock is the operating system's, on `campaign.lock` as a whole (`flock`). It belongs to the open
+file: the system frees it when the process ends, by whatever way, so no lock is ever left over and
+none has to be broken by hand. The text in the file names the holder for error messages and for the
+live page. A process that was killed leaves its text behind, so the text counts only while the file
+is locked. The file stays in the folder: if a holder deleted it, a waiting process could lock the
+deleted file while the next one locks a new file of that name, and both would write.
+"""
 
 import errno
 import fcntl
@@ -19,9 +27,9 @@ from drivers.bounded_files import FileRefused, read_bounded
 LOCK_FILE = "campaign.lock"
 HOLDER_BYTES = 10_000
 PATIENCE_S = 0.1
-"""Longer than `lock_holder` looks whether the lock is free."""
+"""Wait for the lock: longer than `lock_holder` holds it to see whether it is free."""
 WITHOUT_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK}
-"""Errors by which a file system says that it has no locks."""
+"""Error numbers of file systems without locks."""
 NO_LOCKS = "this file system has no locks: move the campaign folder to a local disk"
 REMEDIES = dict.fromkeys(WITHOUT_LOCKS, NO_LOCKS) | {
     errno.ELOOP: f"{LOCK_FILE} is a link: delete it",
@@ -31,7 +39,7 @@ REMEDIES = dict.fromkeys(WITHOUT_LOCKS, NO_LOCKS) | {
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """Process that holds a campaign, by what it says of itself."""
+    """Process that holds a campaign, as it wrote itself into the locked file."""
 
     pid: int
     host: str
@@ -39,7 +47,7 @@ class Holder:
 
     @property
     def says(self) -> str:
-        """Who it is, in words."""
+        """Process, computer and time, in words."""
         return f"process {self.pid} on {self.host}, since {self.since_utc}"
 
 
@@ -47,15 +55,20 @@ class Holder:
 def campaign_lock(folder: Path, *, now_utc: Callable[[], str]) -> Iterator[None]:
     """Hold the campaign for the time of the block; the system frees it when the process dies.
 
-    Raises `CampaignLocked`, naming the holder, when another process (or another block of this one)
-    has it, and `WriteFailed` when the folder cannot be written or its file system has no locks.
+    Raise `CampaignLocked`, naming the holder, when another process (or another block of this one)
+    holds the campaign, and `WriteFailed` when the folder cannot be written or its file system has
+    no locks.
     """
+    # 1. Open the file, but through no link, which could lead to somebody's file to be emptied.
+    # 2. Lock it; only from here on is the text in it ours to replace.
+    # 3. Make sure that the journal's SQLite will find the other kind of lock that it needs.
+    # 4. Write who holds the campaign.
     words = {"pid": os.getpid(), "host": socket.gethostname(), "since_utc": now_utc()}
     descriptor = -1
     try:
         flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW
         descriptor = os.open(folder / LOCK_FILE, flags, mode=0o666)
-        _take(descriptor, folder)
+        _acquire(descriptor, folder)
         _require_record_locks(descriptor)
         os.ftruncate(descriptor, 0)
         os.write(descriptor, json.dumps(words).encode())
@@ -80,12 +93,13 @@ def campaign_lock(folder: Path, *, now_utc: Callable[[], str]) -> Iterator[None]
             os.close(descriptor)
 
 
-def _take(descriptor: int, folder: Path) -> None:
-    """Lock the file; raises `CampaignLocked` if another keeps it for `PATIENCE_S`."""
+# `lock_holder` of another process takes the lock for a moment to see whether it is free: try again.
+def _acquire(descriptor: int, folder: Path) -> None:
+    """Lock the file; raise `CampaignLocked` if another process keeps it for `PATIENCE_S`."""
     until_s = time.monotonic() + PATIENCE_S
     while not lock_descriptor(descriptor, blocking=False):
         if time.monotonic() >= until_s:
-            holder = _noted_holder(folder)
+            holder = _read_holder(folder)
             raise CampaignLocked(
                 f"{folder}: another process works on this campaign: "
                 f"{holder.says if holder else 'holder unknown'}",
@@ -97,9 +111,11 @@ def _take(descriptor: int, folder: Path) -> None:
 def _require_record_locks(descriptor: int) -> None:
     """Raise `OSError` where the file system lacks the locks of records, which SQLite needs.
 
-    SQLite itself would say that the database is locked. A network file system may keep its two
-    kinds of locks in one place: what is merely held there is no error.
+    SQLite itself would report a locked database, which would send the reader after a process that
+    does not exist.
     """
+    # A network file system may keep both kinds of locks in one place, where the lock that we hold
+    # already refuses this one: only the errors of missing locks count.
     try:
         fcntl.lockf(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
         fcntl.lockf(descriptor, fcntl.LOCK_UN)
@@ -111,7 +127,8 @@ def _require_record_locks(descriptor: int) -> None:
 def has_record_locks(file: Path) -> bool:
     """Return whether records of a file can be locked; true where the file cannot be read.
 
-    Not for a file that this process has locked: closing another descriptor would free it.
+    Do not call this for a file that this process has locked: locks of records belong to process
+    and file, so closing any descriptor of the file frees them all.
     """
     with suppress(OSError):
         descriptor = os.open(file, os.O_RDONLY)
@@ -125,11 +142,9 @@ def has_record_locks(file: Path) -> bool:
 
 
 def lock_holder(folder: Path) -> Holder | None:
-    """Return the process that works on the campaign now; None if there is none.
-
-    A process that was killed leaves its words, but not the lock.
-    """
-    holder = _noted_holder(folder)
+    """Return the process that works on the campaign now; None if no process does."""
+    # 1. read the text  2. try the lock: if it can be had, the text is that of a dead process
+    holder = _read_holder(folder)
     if holder is None:
         return None
     try:
@@ -141,11 +156,11 @@ def lock_holder(folder: Path) -> Holder | None:
     except OSError:
         return None
     finally:
-        os.close(descriptor)
+        os.close(descriptor)  # which frees the lock, if this look has taken it
 
 
-def _noted_holder(folder: Path) -> Holder | None:
-    """Return the holder by the words in the locked file, which may be missing for a moment."""
+def _read_holder(folder: Path) -> Holder | None:
+    """Return the holder named in the file; None while its text is incomplete or no such text."""
     try:
         words = json.loads(read_bounded(folder / LOCK_FILE, HOLDER_BYTES))
         return Holder(int(words["pid"]), str(words["host"]), str(words["since_utc"]))

@@ -1,4 +1,9 @@
-"""Tables: head and cell of every column in one place, for the terminal, for CSV and for pages."""
+"""Tables: head and cell of every column in one place, for the terminal, for CSV and for pages.
+
+A table is a tuple of columns; its rows are values of any class, from which each column takes its
+cell. So terminal and page cannot show different figures, and a program that reads the CSV gets the
+unrounded number under the head that people see.
+"""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -14,7 +19,7 @@ Row = tuple[str, ...]
 """Texts of a row, one a column."""
 
 NOTHING = "–"
-"""Stands where there is no number."""
+"""Cell of a row that has no value there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,14 +37,14 @@ class Column(Generic[T]):
     kind: Kind = "number"
 
     def text(self, row: T) -> str:
-        """Cell as people read it."""
+        """Return the cell as people read it: rounded, with a true minus sign."""
         cell = self.of(row)
         if isinstance(cell, str | int):  # a count has no decimals
             return str(cell)
         return number(cell, self.decimals, signed=self.signed)
 
     def csv(self, row: T) -> str:
-        """Cell as programs read it: the shortest decimals that give the number again."""
+        """Return the cell as programs read it: the shortest decimals of the same double."""
         cell = self.of(row)
         if cell is None:
             return ""
@@ -47,22 +52,22 @@ class Column(Generic[T]):
 
 
 def words(head: str, of: Callable[[T], str]) -> Column[T]:
-    """Column of words."""
+    """Return a column of words."""
     return Column(head, of, kind="words")
 
 
 def by_place(*heads: str) -> tuple[Column[Row], ...]:
-    """Columns of rows that are words already."""
+    """Return columns for rows of texts, by their place in the row."""
     return tuple(words(head, itemgetter(place)) for place, head in enumerate(heads))
 
 
 def texts(columns: Sequence[Column[T]], rows: Iterable[T]) -> tuple[Row, ...]:
-    """Rows as people read them."""
+    """Return the texts of rows as people read them."""
     return tuple(tuple(column.text(row) for column in columns) for row in rows)
 
 
 def csv_table(columns: Sequence[Column[T]], rows: Iterable[T]) -> str:
-    """Rows as a CSV file's text, below the columns' heads."""
+    """Return rows as a CSV file's text, below the columns' heads."""
     heads = [column.head for column in columns]
     return csv_text(heads, ([column.csv(row) for column in columns] for row in rows))
 
@@ -71,6 +76,6 @@ def number(value: float | None, decimals: int = 3, *, signed: bool = False) -> s
     """Write a number with a true minus sign; a dash for None."""
     if value is None:
         return NOTHING
-    rounded = round(value, decimals) or 0.0  # what is nothing when rounded has no sign
+    rounded = round(value, decimals) or 0.0  # a number that rounds to 0 has no sign
     text = f"{rounded:{'+' if signed and rounded else ''}.{decimals}f}"
     return text.replace("-", "−")

@@ -1,4 +1,17 @@
-"""Whole text files: read as UTF-8, written so that a full disk or a crash leaves the old one."""
+"""Whole text files: read as UTF-8, written so that a full disk or a crash leaves the old one.
+
+`replace_text` writes in three steps, and their order is what makes them safe:
+
+1. The text goes into a fresh file beside the target, and fsync waits until it is on the disk. A
+   full disk shows here, while the old file is untouched.
+2. A rename puts the fresh file in the old one's place. The system makes this one step: a reader,
+   also after a power cut, has the whole old file or the whole new one. If the rename came before
+   the fsync, the name could reach the disk before the text and leave an empty file.
+3. An fsync of the folder makes the rename itself last. Without it a power cut could bring the old
+   file back after the command has reported success.
+
+A campaign's journal does not come here: SQLite keeps it (`campaigns/journal`).
+"""
 
 import contextlib
 import errno
@@ -12,7 +25,7 @@ from drivers.bounded_files import YAML_BYTES, FileMissing, FileRefused, decoded,
 def read_text(
     path: Path, invalid: type[CampaignError], *, if_missing: str, most_bytes: int = YAML_BYTES
 ) -> str:
-    """Read a file; raises `invalid`, with the remedy `if_missing` when there is no such file.
+    """Read a file; raise `invalid`, with the remedy `if_missing` when there is no such file.
 
     A larger file than `most_bytes`, a folder, a pipe or a device is refused before it is read.
     """
@@ -25,37 +38,40 @@ def read_text(
 
 
 def write_new_text(path: Path, text: str) -> None:
-    """Write a file that must not exist yet; raises `OutputExists` or `WriteFailed`."""
+    """Write a file that must not exist yet; raise `OutputExists` or `WriteFailed`."""
     refuse_existing(path)
     replace_text(path, text)
 
 
 def write_text_unless_there(path: Path, text: str, *, overwrite: bool) -> None:
-    """Write a file, over an older one only if that was asked; raises as `write_new_text`."""
+    """Write a file, over an older one only with `overwrite`; raise as `write_new_text` does."""
     if not overwrite:
         refuse_existing(path, "replace it with --force, or name another with --to")
     replace_text(path, text)
 
 
 def refuse_existing(path: Path, remedy: str = "name another, or move this one away") -> None:
-    """Raise `OutputExists` when there is something by that name.
+    """Raise `OutputExists` when a file, a folder or a link has this name.
 
-    It is looked at, not reserved: the campaign's lock keeps a second writer away.
+    The name is not reserved: inside a campaign its lock keeps a second writer away.
     """
     if os.path.lexists(path):
         raise OutputExists(f"{path} already exists", remedy=remedy)
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder unless it is there; raises `WriteFailed`."""
+    """Make a folder unless it exists; raise `WriteFailed`."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise _not_written(path, error) from error
+        raise _write_error(path, error) from error
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all, over an older one if there is one; raises `WriteFailed`."""
+    """Write a file whole or not at all, over an older one if it exists; raise `WriteFailed`."""
+    # A rename onto a link would replace the link, so the file behind it is the target. The fresh
+    # file lies in the same folder, because a rename works within one file system only, and carries
+    # the process's number, so that two processes do not write into one.
     target = resolved(path)
     fresh = target.with_name(f".{target.name}.{os.getpid()}.new")
     try:
@@ -63,14 +79,14 @@ def replace_text(path: Path, text: str) -> None:
         fresh.replace(target)
         _sync_folder(target.parent)
     except OSError as error:
-        raise _not_written(path, error) from error
+        raise _write_error(path, error) from error
     finally:
         with contextlib.suppress(OSError):  # after success there is none
             fresh.unlink()
 
 
 def resolved(path: Path) -> Path:
-    """File or folder that a path leads to, through links; raises `WriteFailed` for a circle."""
+    """Return the file or folder that a path leads to; raise `WriteFailed` for a circle of links."""
     try:
         return path.resolve()
     except (OSError, RuntimeError, ValueError) as error:  # before Python 3.13 a RuntimeError
@@ -80,19 +96,20 @@ def resolved(path: Path) -> Path:
 
 
 def _write_to_disk(path: Path, text: str) -> None:
+    # "x" makes a new file and writes through no link that somebody has put in its place. What a
+    # crash of a process of this number has left is deleted first.
     path.unlink(missing_ok=True)
-    with path.open("x", encoding="utf-8", newline="") as file:  # through no link that waits there
+    with path.open("x", encoding="utf-8", newline="") as file:
         file.write(text)
         file.flush()
         os.fsync(file.fileno())
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the new name last through a power cut, where the file system can do that.
-
-    Shares of Windows and VirtualBox and several file systems in user space cannot (EINVAL, ENOTSUP,
-    ENOSYS, EBADF), and a folder may be one to write but not to read (EACCES).
-    """
+    """Make the new name last through a power cut, where the file system can do that."""
+    # Shares of Windows and VirtualBox and several file systems in user space cannot (EINVAL,
+    # ENOTSUP, ENOSYS, EBADF), and a user may write a folder without reading it (EACCES). The file
+    # is complete then, so these errors are passed over; any other one is a fault of the disk.
     try:
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -105,7 +122,7 @@ def _sync_folder(folder: Path) -> None:
             raise
 
 
-def _not_written(path: Path, error: OSError) -> WriteFailed:
+def _write_error(path: Path, error: OSError) -> WriteFailed:
     if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
         remedy = "free space on the disk, then try again"
     else:

@@ -11,11 +11,11 @@ UNITS = frozenset(
 
 SHOWN_CHARACTERS = 40
 LOOKED_AT = 10 * SHOWN_CHARACTERS
-"""Characters of a text that are looked at: it may be 5 MB."""
+"""Characters of a text that are searched for words, for it may be 5 MB long."""
 
 
 def shown(text: str) -> str:
-    """Make a text fit to stand in an error line: short, on one line, printable."""
+    """Return a text that fits into an error line: short, on one line, printable."""
     text = text.strip()
     line = printable(" ".join(text[:LOOKED_AT].split()))
     fits = len(line) <= SHOWN_CHARACTERS and len(text) <= LOOKED_AT
@@ -23,7 +23,8 @@ def shown(text: str) -> str:
 
 
 def suggestion(word: str, choices: Collection[str]) -> str:
-    """Advice on what to write: the same quantity in its unit, the nearest word, or the choice."""
+    """Return what to write instead of an unknown word: one of the choices, or all of them."""
+    # `forearm_m` for `forearm_mm` is no slip of the pen: with the name the value must change
     for name in choices:
         unit = name.rpartition("_")[2]
         if unit in UNITS and name != word and _quantity(name) == _quantity(word):
@@ -35,6 +36,6 @@ def suggestion(word: str, choices: Collection[str]) -> str:
 
 
 def _quantity(name: str) -> str:
-    """`forearm` of `forearm_mm`, of `forearm_m` and of `forearm`."""
+    """Return a name without its unit: `forearm` of `forearm_mm`, `forearm_m` and `forearm`."""
     stem, _, unit = name.rpartition("_")
     return (stem if stem and unit in UNITS else name).lower()

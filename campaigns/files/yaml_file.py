@@ -1,4 +1,15 @@
-"""YAML files, and pydantic's findings in them as one line: place, value, limit, remedy."""
+"""YAML files: read within bounds, checked key by key, and errors in one line with their place.
+
+A file is read in three steps. The round-trip loader of ruamel gives a tree that keeps comments,
+quotes and the line of every key. The key `schema` decides whether the file is of the right kind and
+version. Then the tree, as JSON, goes through a pydantic model that accepts no unknown key and
+converts nothing. If the model finds faults, the one to correct first is worded as file, line, key,
+value and limit, with the field's own description as the remedy.
+
+Why the round trip: an error needs the line, and a robot file that is written again with other
+numbers keeps the comments that people wrote into it. New files are written from a model, each key
+below its description, so that a campaign.yaml explains itself.
+"""
 
 import io
 import json
@@ -49,21 +60,21 @@ WORDS: Mapping[str, str] = {
     "string_pattern_mismatch": "is {input}, which is not valid here",
     BROKEN_RULE: "{message}",
 }
-"""Words by pydantic's name of the finding; what is in braces comes from the finding itself."""
+"""Words by pydantic's name of the finding; the finding itself fills the braces."""
 
 
 def broken_rule(message: str) -> PydanticCustomError:
-    """Return a finding of our own for a validator to raise; it says value and limit itself."""
+    """Return a finding for a validator to raise; the message states value and limit."""
     return PydanticCustomError(BROKEN_RULE, "{message}", {"message": message})
 
 
-def _rising(ends: tuple[float, float]) -> tuple[float, float]:
-    if ends[0] < ends[1]:
-        return ends
-    raise broken_rule(f"is {list(ends)}, the lowest must be below the highest")
+def _check_rising(interval: tuple[float, float]) -> tuple[float, float]:
+    if interval[0] < interval[1]:
+        return interval
+    raise broken_rule(f"is {list(interval)}, the lowest must be below the highest")
 
 
-RISING = AfterValidator(_rising)
+RISING = AfterValidator(_check_rising)
 Place = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
 Length = Annotated[float, Field(gt=0.0, le=100_000.0)]
 Point = tuple[Place, Place, Place]
@@ -73,12 +84,14 @@ PlaceRange = Annotated[tuple[Place, Place], RISING]
 def explained(
     error: ValidationError, model: type[BaseModel], name: str, tree: CommentedMap | None = None
 ) -> ConfigInvalid:
-    """Word the finding to correct first: an unknown key often is the missing one, misspelt.
+    """Return the error for the finding to correct first, with its line in the tree.
 
-    Without a tree, `name` alone says where the contents are from.
+    Without a tree, `name` alone states where the contents are from.
     """
+    # A misspelt key gives two findings: one key is missing, another unknown. The unknown one
+    # comes first, because its remedy can suggest the right spelling.
     findings = error.errors(include_url=False)
-    first = min(findings, key=lambda found: found["type"] != "extra_forbidden")
+    first = min(findings, key=lambda finding: finding["type"] != "extra_forbidden")
     where = name if tree is None else f"{name}:{_line(tree, first['loc'])}"
     more = f" (and {len(findings) - 1} more)" if len(findings) > 1 else ""
     invalid = ConfigInvalid(f"{where}: {_problem(first)}{more}", remedy=_remedy(first, model))
@@ -116,6 +129,9 @@ def _remedy(error: ErrorDetails, model: type[BaseModel]) -> str:
     return "correct the value"
 
 
+# The path of a finding (`geometry`, `arms`, 2, `forearm_mm`) is followed through the types: a key
+# leads to the type of that field, a number to the type of that entry of a tuple. Where a type is no
+# model, as in a dictionary of free keys, there are no fields to suggest.
 def _fields_towards(
     annotation: object, location: Location
 ) -> Iterator[tuple[str, Mapping[str, FieldInfo]]]:
@@ -126,14 +142,15 @@ def _fields_towards(
         field, entries = fields.get(str(key)), get_args(annotation)
         if field is not None:
             annotation = field.annotation
-        elif isinstance(key, int) and entries:  # a tuple's entry, all alike or one of so many
+        elif isinstance(key, int) and entries:  # of a tuple, `tuple[X, ...]` or `tuple[X, Y, Z]`
             annotation = entries[0 if entries[-1] is Ellipsis else min(key, len(entries) - 1)]
         else:
             annotation = None
 
 
 def _line(tree: CommentedMap, location: Location) -> int:
-    """Find the line, from 1, of the place or of what it is missing from."""
+    """Return the line, from 1, of a place, or of the mapping from which the place is missing."""
+    # ruamel keeps in `lc.data` the line and column, from 0, of each key or entry of a node
     node: Any = tree  # a tree of ruamel's: mappings, lists, and anything as leaves
     line = 0
     for key in location:
@@ -144,7 +161,7 @@ def _line(tree: CommentedMap, location: Location) -> int:
 
 
 def _fields(annotation: object) -> Mapping[str, FieldInfo]:
-    """List a model's fields, also of an optional one; nothing for any other type."""
+    """Return a model's fields, also of an optional model; none for any other type."""
     choices = get_args(annotation)
     model = choices[0] if NoneType in choices else annotation
     return model.model_fields if isinstance(model, type) and issubclass(model, BaseModel) else {}
@@ -153,7 +170,8 @@ def _fields(annotation: object) -> Mapping[str, FieldInfo]:
 class FileModel(BaseModel):
     """Contents of a file: nothing unknown, nothing converted, no NaN; fixed once read.
 
-    The `description` of a field is a noun phrase; it becomes the file's comment and the remedy.
+    The `description` of a field is a noun phrase; it becomes the comment in a new file and, after
+    "give", the remedy of an error.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
@@ -180,20 +198,20 @@ class YamlDocument:
         return f"{self.name}:{self.tree.lc.key(key)[0] + 1}"
 
     def editable_tree(self) -> CommentedMap:
-        """Return a tree of one's own, comments and all; a deep copy of a tree loses some."""
-        tree = _loaded(self.text, self.name)
+        """Return a separate tree with all comments; a deep copy of a tree loses some of them."""
+        tree = _load(self.text, self.name)
         assert isinstance(tree, CommentedMap), "as it was when it was read"
         return tree
 
 
 def read_document(path: Path, *, if_missing: str) -> YamlDocument:
-    """Read a YAML file; `if_missing` is the remedy when there is none."""
+    """Read a YAML file; `if_missing` is the remedy when the file does not exist."""
     return parse_document(read_text(path, ConfigInvalid, if_missing=if_missing), str(path))
 
 
 def parse_document(text: str, name: str) -> YamlDocument:
     """Read a YAML text that must be a mapping."""
-    tree = _loaded(text, name)
+    tree = _load(text, name)
     if tree is None:
         raise ConfigInvalid(f"{name}: is empty", remedy="write the file anew or restore it")
     if not isinstance(tree, CommentedMap):
@@ -211,7 +229,7 @@ def yaml_text(tree: CommentedMap) -> str:
 
 
 def checked(document: YamlDocument, schema: str, model: type[Model]) -> Model:
-    """Check the document against its schema, such as `pkmcal/robot/1`, and return what it holds."""
+    """Check a document against its schema, such as `pkmcal/robot/1`, and return its contents."""
     _check_schema(document, schema)
     try:
         return model.model_validate_json(_plain_json(document))
@@ -219,7 +237,7 @@ def checked(document: YamlDocument, schema: str, model: type[Model]) -> Model:
         raise explained(error, model, document.name, document.tree) from error
 
 
-def _loaded(text: str, name: str) -> object:
+def _load(text: str, name: str) -> object:
     try:
         return loaded_yaml(_yaml(), text, name)
     except FileRefused as error:
@@ -235,7 +253,10 @@ def _yaml() -> YAML:
 
 
 def _plain_json(document: YamlDocument) -> str:
-    """Return the tree without the schema, as JSON: there a list is a list and a number a number."""
+    """Return the tree without the schema, as JSON."""
+    # A strict model takes from Python only a tuple for a tuple and a date for a date. From JSON it
+    # takes a list and a text in ISO 8601, which is what a YAML file holds; `default=str` writes the
+    # dates that the loader has made back into such texts.
     try:
         contents = json.loads(json.dumps(document.tree, default=str))
         contents.pop("schema", None)
@@ -256,6 +277,7 @@ def _check_schema(document: YamlDocument, wanted: str) -> None:
         raise ConfigInvalid(
             f"{document.name}:1: schema is missing", remedy=f"begin with 'schema: {wanted}'"
         )
+    # another kind of file, a version of the future, or neither: each has its own remedy
     kind, _, version = wanted.rpartition("/")
     remedy = f"write 'schema: {wanted}'"
     if not str(schema).startswith(f"{kind}/"):
