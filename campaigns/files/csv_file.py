@@ -29,6 +29,8 @@ _TEXT_OF_FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """Beginning of a text that a spreadsheet would calculate, with any marks before it."""
 MOST_LINES = 50_000
 """Largest number of lines that are read, more than twice what a campaign can plan."""
+MOST_CHARACTERS = 100_000
+"""Longest line that is read; a row of any instrument has a hundredth of it."""
 
 _POINT_REMEDY = "write decimal points and separate the columns by commas"
 
@@ -183,12 +185,19 @@ def parse_csv(text: str, name: str, form: CsvForm) -> Iterator[CsvRow]:
 
 
 def check_lines(text: str, name: str, invalid: type[CampaignError]) -> None:
-    """Raise `invalid`, before a line is read, for a text of more than `MOST_LINES` lines."""
+    """Raise `invalid`, before a line is read, for a text with too many or too long lines."""
     if max(text.count("\n"), text.count("\r")) > MOST_LINES:
         raise invalid(
             f"{name}: has more than {MOST_LINES} lines, the most that are read",
             remedy="check that it is the right file",
         )
+    for number, line in enumerate(io.StringIO(text, newline=None), start=1):
+        if len(line) > MOST_CHARACTERS:
+            raise invalid(
+                f"{name}:{number}: has {len(line)} characters, more than the {MOST_CHARACTERS} of "
+                "the longest line that is read",
+                remedy="check that it is the right file",
+            )
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

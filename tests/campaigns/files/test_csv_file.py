@@ -105,3 +105,9 @@ def test_more_lines_than_any_campaign_has_are_refused_before_they_are_read(end):
     with pytest.raises(ShotsInvalid, match=f"more than {MOST_LINES} lines"):
         list(parse_csv(text, "f.csv", FORM))
     assert time.process_time() - began_s < 0.5
+
+
+def test_a_line_longer_than_any_instrument_writes_is_refused_with_its_number():
+    text = "a,b\n" + "1," * 1_000_000
+    with pytest.raises(ShotsInvalid, match=r"f\.csv:2: has 2000000 characters"):
+        list(parse_csv(text, "f.csv", FORM))
