@@ -1,7 +1,7 @@
 """Files as texts, and YAML in them, within bounds: what is too much is refused before it is read.
 
-No file may cost more than its reader is worth: not a folder or pipe of that name, not one of
-50 GB, not ten lines of YAML that stand for a billion.
+A file of the right name may be a folder, a pipe that no one writes, a device without an end, 50 GB,
+or ten lines of YAML that stand for a billion. Such a file is refused in bounded time and memory.
 """
 
 import codecs
@@ -46,7 +46,7 @@ class FileMissing(FileRefused):
 
 
 def is_file(path: Path) -> bool:
-    """Whether a file can be seen by that name, whatever the name; never raises."""
+    """Return whether a file is visible by this name; never raise, whatever the name."""
     try:
         return path.is_file()
     except (OSError, ValueError):  # too long, in a circle, in a folder that is not for us
@@ -54,7 +54,7 @@ def is_file(path: Path) -> bool:
 
 
 def is_there(path: Path) -> bool:
-    """Whether anything can be seen by that name, whatever the name; never raises."""
+    """Return whether anything is visible by this name; never raise, whatever the name."""
     try:
         return path.exists()
     except (OSError, ValueError):
@@ -63,6 +63,8 @@ def is_there(path: Path) -> bool:
 
 def read_bounded(path: Path, most_bytes: int) -> bytes:
     """Read a file; raises `FileRefused`, before reading when it is no file or too large."""
+    # One byte more than allowed shows that there are more. The size that `stat` reports would not
+    # do: files of /proc report 0, and a file may grow meanwhile.
     with open_file(path) as file:
         data = file.read(most_bytes + 1)
     if len(data) > most_bytes:
@@ -123,6 +125,8 @@ def decoded(
 
 def codec_of(data: bytes, encoding: Encoding | None = None) -> str:
     """Return Python's name of the encoding of a text: without a mark UTF-16 must be given."""
+    # A mark wins over the encoding given. Without one, UTF-16 is big endian if its first sign, of
+    # which one byte is 0 in Latin text, begins with the 0.
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     if data.startswith(codecs.BOM_UTF8) or encoding in {None, "utf-8"}:
@@ -172,6 +176,8 @@ class _PlainComposer(Composer):
         self._entries = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
+        # Anchors and aliases let a few lines stand for a billion nodes ("billion laughs"), and no
+        # file of ours needs them. Nodes are counted as they are composed, before they take memory.
         event = self.parser.peek_event()
         if isinstance(event, AliasEvent) or event.anchor is not None:
             raise MarkedYAMLError(
@@ -186,6 +192,7 @@ class _PlainComposer(Composer):
 
 
 def _not_yaml(error: MarkedYAMLError, name: str) -> FileRefused:
+    # Our own problems begin with "has", and the library's are recognised by their words.
     mark = error.problem_mark or error.context_mark
     where = f"{name}:{mark.line + 1}" if mark else name
     problem = _worded(str(error.problem or error.context))

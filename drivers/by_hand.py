@@ -1,6 +1,10 @@
 """Devices worked by a person, who is shown what to do and types what the displays show.
 
-docs/how-to/by-hand.md
+How they are used: docs/how-to/by-hand.md. There is no wire, so that nothing can be late or lost,
+but a person errs in other ways: a display is copied before the robot has arrived, a point of the
+clipboard is pasted twice, a digit is missing. Each answer is therefore checked at once (count of
+numbers, bounds, distance from the target, equality with the point before), and asked for again with
+the reason.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -35,12 +39,13 @@ class HandSettings:
 
     serial: str
     in_place: tuple[float, ...]
-    """Largest distance of each joint from its target, rad or mm."""
+    """Largest accepted distance of each joint from its target, rad or mm."""
     read: Callable[[], Mapping[str, float]]
-    """The parameters that the controller holds, as they were typed in last; the nominal ones."""
+    """Parameters that were typed into the controller last, the nominal ones before."""
     write: Callable[[Mapping[str, float]], None]
-    """Keep what has been typed into the controller."""
+    """Keep the parameters that were typed into the controller."""
     lacks: Callable[[Collection[str]], tuple[str, ...]]
+    """Of the named parameters, those that the controller does not have."""
     joints_of: Callable[[Mapping[str, float], values.Pose], tuple[float, ...]]
     """Joints of a pose by a parameter set; raises `LimitViolation`."""
 
@@ -57,6 +62,7 @@ def _require_somebody(prompt: Prompt | None, device: str) -> Prompt:
 
 def _answer(prompt: Prompt, question: str, read: Callable[[str], Read]) -> Read:
     """Ask a person, and again with the reason while `read` refuses the answer."""
+    # The loop ends by a good answer, or by the `Cancelled` that a prompt raises.
     text = question
     while True:
         try:
@@ -68,13 +74,16 @@ def _answer(prompt: Prompt, question: str, read: Callable[[str], Read]) -> Read:
 
 
 class RobotByHand(RobotController):
-    """A robot of which nothing is known but what its display shows and somebody types."""
+    """A robot whose joints are those that a person reads off its display and types."""
 
-    def __init__(self, given: RobotSurroundings) -> None:
-        assert isinstance(given.settings, HandSettings), "the campaign has them for this driver"
-        self._settings = given.settings
-        self._layout = given.layout
-        self._prompt = given.prompt
+    def __init__(self, surroundings: RobotSurroundings) -> None:
+        assert isinstance(surroundings.settings, HandSettings), (
+            "the campaign has them for this driver"
+        )
+        self._settings = surroundings.settings
+        self._layout = surroundings.layout
+        self._prompt = surroundings.prompt
+        # The joints typed last, rad or mm; None: none since connecting.
         self._joints: tuple[float, ...] | None = None
         self._raw = ""
 
@@ -151,12 +160,12 @@ class RobotByHand(RobotController):
     def _move(self, command: str, target: tuple[float, ...]) -> None:
         prompt = _require_somebody(self._prompt, "controller")
         axes = self._layout.joints
-        # 0.0001° is 2 µm at a metre
+        # Four decimals: 0.0001° is 2 µm at a metre.
         shown = " ".join(f"{value:.4f}" for value in values.outer_units(axes, target))
         question = f"{command}, {_names(axes)} = {shown} {_unit(axes)}"
 
         def read(text: str) -> tuple[tuple[float, ...], str]:
-            raw = text.strip() or shown
+            raw = text.strip() or shown  # Enter confirms the numbers as they were shown
             joints = self._read(raw)
             self._require_there(joints, target)
             return joints, raw
@@ -175,7 +184,7 @@ class RobotByHand(RobotController):
         for axis, here, there, limit in zip(
             axes, joints, target, self._settings.in_place, strict=True
         ):
-            if not abs(here - there) <= limit:
+            if not abs(here - there) <= limit:  # so that NaN is refused
                 shown = values.outer_units([axis, axis], [abs(here - there), limit])
                 raise WireError(
                     f"joint {axis.name} is {shown[0]:.4f} from its target, limit {shown[1]:g} "
@@ -193,11 +202,11 @@ def _unit(axes: Sequence[values.Coordinate]) -> str:
 
 
 class TrackerByHand(LaserTracker):
-    """A tracker of which nothing is known but the points that somebody gives."""
+    """A tracker whose points a person types or pastes."""
 
-    def __init__(self, given: Surroundings) -> None:
-        self._prompt = given.prompt
-        self._serial = str(given.settings)
+    def __init__(self, surroundings: Surroundings) -> None:
+        self._prompt = surroundings.prompt
+        self._serial = str(surroundings.settings)
         self._last: values.Vector3 | None = None
 
     def connect(self) -> None:
@@ -214,9 +223,9 @@ class TrackerByHand(LaserTracker):
         _require_somebody(self._prompt, "tracker")
 
     def measure(self) -> values.Measurement:
-        """Have somebody measure; raises `NotAMeasurement` when he gives no point.
+        """Have a person measure; raises `NotAMeasurement` when no point is given.
 
-        The point before, to the last digit, is asked for again: what was copied then is pasted now.
+        A point equal to the one before, to the last digit, is asked for once more.
         """
         prompt = _require_somebody(self._prompt, "tracker")
         point_mm, raw = _answer(prompt, QUESTION, self._read)
@@ -226,6 +235,8 @@ class TrackerByHand(LaserTracker):
         if text.strip() == NO_POINT:
             raise NotAMeasurement("no point was given", remedy="measure it again")
         point_mm, _ = recorded_measurement(text)
+        # A tracker hardly measures the same point twice to the last digit. A clipboard that still
+        # holds the one before is more likely.
         before, self._last = self._last, point_mm
         if point_mm == before:
             self._last = None  # typed once more, it is confirmed

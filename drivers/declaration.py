@@ -1,4 +1,16 @@
-"""What a driver is made with."""
+"""Surroundings: everything that a driver is created with.
+
+How a driver is added (CONTRIBUTING.md, Adding a protocol):
+
+1. Its grammar in `drivers/wire/`, if it speaks over a wire: messages to bytes and back, no I/O.
+2. Its device in `drivers/`: a class with one of the two ports of `drivers/ports.py`, which takes
+   `Surroundings`, a controller's `RobotSurroundings`. It connects only when it is asked to.
+3. A function that reads a raw answer again, as the journal keeps it.
+4. One entry in `drivers/catalog.py` with the word for it in campaign.yaml.
+
+A driver gets its transport, time, wish to stop and first number from outside, and so it runs
+unchanged over a real wire, in a simulated cell of this process, and on a clock moved by a test.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,27 +24,30 @@ from drivers.wire.robotline import RobotLayout
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Surroundings:
-    """A device's wire, real time, the operator's wish to stop."""
+    """Wire, clock, wish to stop and settings of one device."""
 
     open_transport: Opener
     clock: Clock
     """Time of the device: real, or that of a simulated cell of this process."""
     cancelled: Callable[[], bool] = never
+    """Returns whether the operator wants to stop."""
+    # A run that follows another would use its numbers again, and could take an old answer that
+    # still lies in a serial line's buffer for its own.
     first_number: int = 1
     """Number of the first question, 1 to 999999999: another one in each session."""
     settings: object = None
-    """What a campaign says to this driver alone, whose type only that driver knows."""
+    """Settings of this driver alone, in a type of its own module; None if it has none."""
     prompt: Prompt | None = None
-    """Asks the operator; None without a terminal."""
+    """Question to the operator; None without a terminal."""
     in_process: bool = False
     """Whether the device is simulated in this process."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotSurroundings(Surroundings):
-    """The same of a controller."""
+    """Surroundings of a robot's controller."""
 
     layout: RobotLayout
     """Joints, coordinates and parameters of its robot."""
     alarm: Alarm = unheard
-    """Shows the operator what he has to read at once."""
+    """Message that the operator has to read at once."""

@@ -1,4 +1,17 @@
-"""Client of a device that speaks in numbered lines: questions, and refusals as errors."""
+"""Client of a device that speaks in numbered lines: questions, and refusals as errors.
+
+robotline and pointline share it (docs/reference/robotline.md, Lines). A question has a number and a
+verb, which its answer repeats. On a serial line bytes outlive a connection in buffers, so that
+closing the link is not enough there: an answer is taken only if number, verb and kind of body fit.
+
+1. A new connection begins with an empty line, which ends what an earlier client left half sent.
+2. `ask` sends the next number. A line with another number is an old answer, and is passed over.
+3. A line with this number but another verb or body, or one that cannot be read, closes the link.
+4. `NO` and a code become the error that the dialect has for this code, with its remedy.
+
+Numbers go on over reconnections, and each session begins with another one (`Surroundings`), so that
+an answer to an earlier program is not taken for ours.
+"""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -40,11 +53,8 @@ class Dialect:
 class LineClient(LinkClient[Answer]):
     """Client that asks one question after another; only the last one can be answered.
 
-    An answer to another number is stale (after a fault it can sit in a serial line's buffer): the
-    link keeps it with the events, of which these protocols have none, and no one ever reads it.
-    `numbers` are those of its questions. The verb `first` is sent before anything is read, so that
-    noise on the line cannot keep it back, behind an empty line, which ends what an earlier client
-    left half sent.
+    `numbers` are those of its questions. The verb `first`, such as STOP, is sent before anything is
+    read, so that noise on the line cannot keep it back.
     """
 
     def __init__(
@@ -61,6 +71,7 @@ class LineClient(LinkClient[Answer]):
             transport,
             dialect.grammar.answers(),
             clock_s=clock_s,
+            # These protocols have no events. An old answer is queued as one, and no one reads it.
             is_event=lambda answer: answer.number != self._asked,
             cancelled=cancelled,
         )
@@ -69,6 +80,7 @@ class LineClient(LinkClient[Answer]):
         """Line of the latest answer, as records keep it."""
         self._dialect = dialect
         self._numbers = numbers
+        # Number of the latest question; no question has number 0.
         self._asked = 0
         self._first = Question(next(numbers), first) if first else None
         opening = EMPTY_LINE
@@ -93,19 +105,20 @@ class LineClient(LinkClient[Answer]):
             self._dialect.grammar.encode_question(question),
             answers=lambda answer: _is_answer(answer, question, kind),
             within_s=within_s or self._dialect.answer_s,
-            what=verb,
+            title=verb,
         )
         return self._body_of(answer, verb, kind)
 
     def await_first(self, kind: type[Body], within_s: float) -> Body:
         """Return the answer to the verb that was sent first; raises as `ask`.
 
-        Nothing else has been asked since: to the link, its answer is a late one.
+        It must come before any other question is asked.
         """
         first = self._first
         assert first is not None, "a verb was sent first"
+        # `_asked` is still 0, so that the link takes this answer too for an event.
         answer = self._link.await_event(
-            lambda answer: _is_answer(answer, first, kind), within_s=within_s, what=first.verb
+            lambda answer: _is_answer(answer, first, kind), within_s=within_s, title=first.verb
         )
         return self._body_of(answer, first.verb, kind)
 
@@ -118,6 +131,7 @@ class LineClient(LinkClient[Answer]):
 
     def _refusal(self, refused: Refused, verb: str) -> errors.DriverError:
         problem = f"{self.name}: {verb} refused, {refused.code}: {refused.text}"
+        # The device has read a damaged question. What else it has read is unknown: the link ends.
         if refused.code == "CHECKSUM":
             self.close()
             return errors.WireError(problem, remedy="check the cable and its shield")
@@ -131,6 +145,7 @@ class LineClient(LinkClient[Answer]):
 
 
 def _is_answer(answer: Answer, question: Question, kind: type[object]) -> bool:
+    # A device that could not read the verb of a damaged line puts `?` in its place.
     return (
         answer.number == question.number
         and answer.verb in {question.verb, UNREAD_VERB}

@@ -1,4 +1,18 @@
-"""Link: one question at a time over a byte pipe, with a deadline; unsolicited messages apart."""
+"""Link: one question at a time over a byte pipe, with a deadline; unsolicited messages apart.
+
+An answer that comes late is worse than none. If it is read as the answer to the next question, each
+point of a campaign belongs to the pose before, and every number looks right (docs/adr, 5). A link
+therefore takes as an answer only what comes while its question is open:
+
+1. Read what has already arrived. Events are queued; anything else is an error.
+2. Send the question, and read until its answer is whole or its deadline has passed.
+3. Sort each message: the answer, an event for the queue, or an error.
+4. Close the transport after silence, an error, a wish to stop or an interrupt. What arrives later
+   meets a closed connection; a session (`drivers/session.py`) opens a new one.
+
+Events are recognised by marks of the protocol (`is_event`), never by their time. They wait in a
+queue of bounded length until `events` or `await_event` takes them.
+"""
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -11,9 +25,9 @@ from drivers.transport import Transport
 Message = TypeVar("Message")
 
 EVENTS_KEPT = 1000
+# A signal ends no reading, and a stop has to be on its wire within 0.1 s: waits are this short.
 PATIENCE_S = 0.02
-"""Duration of one wait, after which the operator's wish to stop is looked at: a signal ends no
-reading, and the stop has to be on its wire within 0.1 s."""
+"""Duration of one wait, after which the operator's wish to stop is looked at."""
 
 
 def never() -> bool:
@@ -25,9 +39,8 @@ class Link(Generic[Message]):
     """Link with one question at a time.
 
     A question that is not answered in time, is answered by something else, or is abandoned, closes
-    the link: what arrives later must never be read as the answer to the next question.
-    `feed` gives the messages that bytes complete, keeps what is incomplete and raises only
-    `WireError`. `keeps` gets every event at its arrival, once: is it worth queueing?
+    the link. `feed` returns the messages that bytes complete, keeps what is incomplete and raises
+    only `WireError`. `keeps` gets every event once, at its arrival: is it to be queued?
     `clock_s` is real time, also where a simulated cell runs faster: the wire is real.
     """
 
@@ -59,34 +72,37 @@ class Link(Generic[Message]):
         return self._open
 
     def ask(
-        self, request: bytes, *, answers: Callable[[Message], bool], within_s: float, what: str
+        self, request: bytes, *, answers: Callable[[Message], bool], within_s: float, title: str
     ) -> Message:
         """Send a question and return its answer.
 
-        `answers` recognises the answer; `what` names the question in messages. Raises `LinkDown`,
+        `answers` recognises the answer; `title` names the question in messages. Raises `LinkDown`,
         `WireError` or `Cancelled`, and in each case closes the link.
         """
         with self._closed_by_any_error():
+            # Whatever is here before the question is sent cannot be its answer.
             self._queue_events()
-            self._raise_if_cancelled(what)
-            arrivals = self._arrivals(self._clock_s() + within_s, within_s, what)
+            self._raise_if_cancelled(title)
+            # The deadline counts from before the sending, and no byte or event puts it off.
+            arrivals = self._arrivals(self._clock_s() + within_s, within_s, title)
             self._transport.send(request, within_s)
             while (answer := self._sort(next(arrivals), answers)) is None:
-                pass
+                pass  # `_arrivals` raises at the deadline
             return answer
 
     def await_event(
-        self, wanted: Callable[[Message], bool], *, within_s: float, what: str
+        self, wanted: Callable[[Message], bool], *, within_s: float, title: str
     ) -> Message:
         """Return the first queued or coming event that is wanted.
 
-        Raises like `ask`: a silence closes the link too.
+        Raise like `ask`: a silence closes the link too.
         """
         with self._closed_by_any_error():
-            arrivals = self._arrivals(self._clock_s() + within_s, within_s, what)
-            while (found := self._take_event(wanted)) is None:
-                self._sort(next(arrivals), _nothing)
-            return found
+            arrivals = self._arrivals(self._clock_s() + within_s, within_s, title)
+            # The queue first: a tracker's result may come before the answer that starts it.
+            while (event := self._take_event(wanted)) is None:
+                self._sort(next(arrivals), _accept_no_answer)
+            return event
 
     def events(self) -> list[Message]:
         """Return the unsolicited messages that came since the last call, without waiting."""
@@ -114,27 +130,29 @@ class Link(Generic[Message]):
             self.close()
             problem = error.problem.removeprefix(f"{self.name}: ")
             raise WireError(f"{self.name}: {problem}", remedy=error.remedy) from error
-        except BaseException:  # also an interrupt: the question it leaves behind may be answered
+        except BaseException:  # also an interrupt: its question stays open and may be answered
             self.close()
             raise
 
     def _arrivals(
-        self, deadline_s: float, within_s: float, what: str
+        self, deadline_s: float, within_s: float, title: str
     ) -> Iterator[Sequence[Message]]:
         """Yield what arrives, piece by piece, and at the deadline raise `LinkDown`."""
-        while (left_s := deadline_s - self._clock_s()) > 0.0:
-            self._raise_if_cancelled(what)
-            yield self._receive(min(left_s, PATIENCE_S))
-        yield self._receive(0.0)  # what came in time while this process was kept from looking
+        while (remaining_s := deadline_s - self._clock_s()) > 0.0:
+            self._raise_if_cancelled(title)
+            yield self._receive(min(remaining_s, PATIENCE_S))
+        # A busy computer may wake this process after the deadline only. What lies in the buffer by
+        # then counts: the device is not to blame.
+        yield self._receive(0.0)
         raise LinkDown(
-            f"{self.name}: no answer to {what} within {within_s:g} s",
+            f"{self.name}: no answer to {title} within {within_s:g} s",
             remedy="check the device and its cable; "
             "the link was closed so that a late answer is not believed",
         )
 
-    def _raise_if_cancelled(self, what: str) -> None:
+    def _raise_if_cancelled(self, title: str) -> None:
         if self._cancelled():
-            raise Cancelled(f"{self.name}: {what} was abandoned", remedy="start again when ready")
+            raise Cancelled(f"{self.name}: {title} was abandoned", remedy="start again when ready")
 
     def _receive(self, timeout_s: float) -> Sequence[Message]:
         if not self._open:
@@ -142,24 +160,26 @@ class Link(Generic[Message]):
         return self._feed(self._transport.receive(timeout_s))
 
     def _queue_events(self) -> None:
-        self._sort(self._receive(0.0), _nothing)
+        self._sort(self._receive(0.0), _accept_no_answer)
 
     def _sort(
         self, messages: Sequence[Message], answers: Callable[[Message], bool]
     ) -> Message | None:
-        """Return the one answer among these; events are queued, anything else is an error."""
+        """Return the answer if the messages hold it, queue events, and raise for anything else."""
         answer = None
         for message in messages:
+            # A second answer to the question belongs to no question: it falls through to the error.
             if answer is None and answers(message):
                 answer = message
             elif self._is_event(message):
                 self._queue(message)
             else:
-                raise WireError(f"{self.name}: answers what nobody asked: {message!r:.120}")
+                raise WireError(f"{self.name}: an unexpected message: {message!r:.120}")
         return answer
 
     def _queue(self, event: Message) -> None:
         if self._keeps is None or self._keeps(event):
+            # A full queue drops its oldest event, which may have been the one that matters.
             self._has_lost_events |= len(self._events) == EVENTS_KEPT
             self._events.append(event)
 
@@ -189,6 +209,6 @@ class LinkClient(Generic[Message]):
         self._link.close()
 
 
-def _nothing(_message: object) -> bool:
+def _accept_no_answer(_message: object) -> bool:
     """Accept no message as an answer."""
     return False

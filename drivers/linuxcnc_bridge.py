@@ -4,9 +4,17 @@ How to use it: docs/how-to/linuxcnc.md. It needs Python 3.11, this package `driv
 2.9, nothing else. It imports LinuxCNC's modules `linuxcnc` and `hal` when it runs, and contains
 nothing of them: Apache-2.0, like the rest of pkmcal.
 
-Moves are G-code for LinuxCNC's task, because only the task plans paths. What the task says of a
-motion may be older than the motion, so that all readings come from HAL, from the realtime part
-itself. Parameters are the pins of our kinematics pkmkins and the HAL file that sets them.
+LinuxCNC has two parts. The *task* interprets G-code and plans paths; the *realtime part* moves
+joints in each cycle of its servo thread, and HAL shows its values as pins.
+
+* Moves are G-code for the task, because only the task plans paths.
+* Readings come from HAL. The task's copy of a position or state may be older than the motion that
+  it has just accepted: a robot read there seems to stand before it has begun to move.
+* Both parts may die while their last values stay readable. That the robot stands is therefore known
+  only after further cycles of the servo thread, and an order counts only when the task has echoed
+  it.
+* STOP is never kept waiting: `Machine.stop` first ends the move that another client is sending.
+* Parameters are pins of our kinematics pkmkins, and the HAL file that sets them at each start.
 """
 
 import argparse
@@ -61,15 +69,18 @@ class Machine:
     """
 
     def __init__(self) -> None:
-        # Any: LinuxCNC's modules have no types, and exist beside LinuxCNC only
+        # `Any`: LinuxCNC's modules have no types, and exist beside LinuxCNC only.
         self._linuxcnc, self._hal = import_module("linuxcnc"), import_module("hal")
         self._component = self._hal.component(f"robotline-{os.getpid()}")
         self._component.ready()
         self._status, self._command = self._linuxcnc.stat(), self._linuxcnc.command()
         self._errors = self._linuxcnc.error_channel()
         self._messages: list[str] = []
+        # `_lock` keeps orders of several clients apart; `_stops` counts the stops ordered so far.
         self._lock, self._stops = threading.RLock(), 0
+        # Where the move under way ends, by letter, as sent (6 decimals); empty without one.
         self._target: tuple[float, ...] = ()
+        # The task's joint positions, and since when they have not changed.
         self._seen: tuple[float, ...] = ()
         self._changed_s = 0.0
         self._wait(lambda: bool(self._status.ini_filename), "LinuxCNC does not begin", 30.0)
@@ -98,13 +109,15 @@ class Machine:
         return wire.ControllerStatus(moving, estop, fault[:70], tuple(self._encoders()))
 
     def is_moving(self, patience_s: float = 0.3) -> bool:
-        """Whether anything moves, or still has to come to its target, or nothing is known.
+        """Return whether anything moves or is short of its target, or nothing is known.
 
-        Pins of a dead realtime part keep their last values, and joints follow the trajectory some
-        cycles late. That the robot stands is therefore known after further cycles of the servo
-        thread in which no joint was sent elsewhere; a loaded machine may delay them. By default a
-        client that waits for the end of a motion gets its answer in time.
+        Cycles of the servo thread may be late by `patience_s`: a loaded machine delays them. With
+        the default, a client that waits for the end of a motion gets its answer in time.
         """
+        # 1. The trajectory is at its target, and the realtime part in position; else it moves.
+        # 2. Joints follow the trajectory some cycles late, and pins of a dead realtime part keep
+        #    their last values. So two more cycles have to pass: without them it counts as moving.
+        # 3. It stands if no joint was sent elsewhere in them.
         if not self.get(POWER):
             self._target = ()
         if not (self._is_at(self._target) and self.get("motion.in-position")):
@@ -142,6 +155,8 @@ class Machine:
 
         LinuxCNC plans in coordinates, so that pkmkins is asked for the poses of points on the line.
         """
+        # The path that is planned is straight in coordinates, and curved for the joints. In short
+        # parts, each to the pose of a point on the joints' line, the joints keep near that line.
         here, unit = self._encoders(), self.unit
         for n, joint in enumerate(joints):
             low, high = self.get(f"ini.{n}.min_limit"), self.get(f"ini.{n}.max_limit")
@@ -167,19 +182,25 @@ class Machine:
 
     def stop(self) -> None:
         """Brake at once. A move that is just being started ends too."""
-        self._stops += 1  # before the lock: no further part of a move is sent
+        # A move of several parts takes the lock for each part. Counted before the lock is taken,
+        # this stop keeps the next part from being sent, and waits for one order of some 20 ms at
+        # most.
+        self._stops += 1
         with self._lock:
             self._order("abort")
             self._target = ()
 
     def switch_off(self) -> None:
         """Take the power off a robot that stands: changed parameters would make its joints jump."""
+        # The realtime part computes joints from the pose in each cycle: with the power on, new
+        # parameters would send them elsewhere within one cycle, without a ramp.
         self.require_standing()
         self._order("state", self._linuxcnc.STATE_OFF)
         self._wait(lambda: not self.get(POWER), "the machine stays on")
 
     def _order(self, name: str, *values: object) -> None:
         """Give the task an order and see that it has taken it, some 20 ms; raises `Refusal`."""
+        # The task repeats the number of each order that it takes. A dead one leaves it as it was.
         with self._lock:
             getattr(self._command, name)(*values)
             self._status.poll()
@@ -213,12 +234,12 @@ class Machine:
         return [self.get(f"axis.{letter}.pos-cmd") for letter in self.letters]
 
     def _is_at(self, target: Sequence[float]) -> bool:
-        """Whether the trajectory has come to its target, where there is one."""
+        """Return whether the trajectory has come to its target; True without one."""
         pairs = zip(target, self._place(), strict=False)
         return all(abs(there - now) <= 2e-6 for there, now in pairs)
 
     def _fault(self, *, moving: bool) -> str:
-        """Say what is wrong, in LinuxCNC's words where it has any."""
+        """Return what is wrong, in LinuxCNC's words where it has any; empty for nothing."""
         # the task's copy of the positions: it stays the same where the task or realtime died
         seen, now_s = tuple(self._status.joint_actual_position), time.monotonic()
         if seen != self._seen or not moving:
@@ -241,6 +262,8 @@ class Machine:
         """
         if "pkmkins.ask.number" not in self.pins:
             raise Refusal("FAULT", "no pkmkins here, or an older one: install it, restart LinuxCNC")
+        # A question through pins: joints, then a number. The kinematics computes in its next cycle,
+        # and repeats the number when the pose is there.
         for n, (joint, way) in enumerate(zip(joints, ways, strict=True)):
             play = math.copysign(0.5 * self.get(f"ini.{n}.backlash"), way)
             self.put(f"pkmkins.ask.joint{n}", joint - play)
@@ -261,6 +284,7 @@ class Machine:
             # inverse time (G93): a feed would not count the rotary letter
             block = f"G21 G90 G93 G53 G1 {words} F{60.0 * len(poses) / seconds:.6f}"
             with self._lock:
+                # `stop` has counted itself before this lock: nothing is sent after it.
                 if self._stops != stops:
                     raise Refusal("FAULT", "stopped meanwhile")
                 self._target = tuple(round(value, 6) for value in poses[-1])
@@ -273,7 +297,8 @@ class Machine:
         return seconds
 
     def _has_begun(self) -> bool:
-        """Whether a move is under way, or over; raises its refusal, which comes a moment later."""
+        """Return whether a move is under way or over; raise `Refusal` if it was refused."""
+        # The task accepts a line of G-code first and finds its target out of reach a moment later.
         self._collect_messages()
         if self._status.state == self._linuxcnc.RCS_ERROR and self._messages:
             text = "; ".join(self._messages)
@@ -324,6 +349,8 @@ class Parameters:
         wrong += [n for n, value in staged.items() if LENGTH.fullmatch(n) and value <= 0.0]
         if wrong or not staged:
             raise Refusal("GEOMETRY", f"missing or not positive: {' '.join(wrong)}")
+        # Pins first, then the file: if the file cannot be written the pins go back, so that both
+        # agree whenever this returns. Parameters that are not staged become 0.
         before = {name: self._machine.get(pin) for name, pin in self._pins.items()}
         try:
             self._set(dict.fromkeys(self._pins, 0.0) | dict(staged))
@@ -356,18 +383,19 @@ class Parameters:
         pins = {pin: value for pin, value in self._kept().items() if pin in self._drawing}
         pins |= {self._pins[name]: value for name, value in values.items()}
         settings = [f"{'# ' * pin.startswith('ini.')}setp {pin} {v!r}" for pin, v in pins.items()]
+        # Written beside and put in its place at once: a power loss leaves the old file or the new.
         new = self._path.with_name(f"{self._path.name}.new")
         new.write_text("\n".join([f"# robot: {self.robot()}", *settings, ""]), encoding="utf-8")
         new.replace(self._path)
 
     def _text(self) -> str:
         text = self._path.read_text(encoding="utf-8")
-        # as earlier versions wrote backlashes
+        # Earlier versions wrote backlashes in this form.
         return re.sub(r"\[JOINT_(\d)\]BACKLASH =", r"setp ini.\1.backlash", text)
 
 
 class Session(socketserver.BaseRequestHandler):
-    """One client: what it has staged, and the motion that it has started, end with it."""
+    """One client. Its staged parameters and the motion that it has started end with it."""
 
     server: "Bridge"
 
@@ -395,6 +423,7 @@ class Session(socketserver.BaseRequestHandler):
                 self._stop_unwatched()
 
     def _stop_unwatched(self) -> None:
+        # The page: a robot whose client is lost, or silent for the watchdog's time, must stop.
         with suppress(Refusal):
             if self._moves and self.server.machine.is_moving():
                 self.server.machine.stop()

@@ -40,6 +40,7 @@ def require_point(where: str, point_mm: values.Vector3) -> None:
 
     Raise `NotAMeasurement` for one in the tracker itself: the fields of an empty result are zeros.
     """
+    # No reflector can be at the tracker's own origin.
     if not any(point_mm):
         raise NotAMeasurement(
             f"{where}: the result is empty: its point is 0, 0, 0", remedy="measure the point again"

@@ -17,6 +17,7 @@ from drivers.wire.lines import Greeting, Hello, Nothing, numbers_from
 
 NOT_THERE = "NONE"
 """Refusal of what the instrument does not have: a weather station, a direction."""
+# Each reflector is a question of its own: a wrong count would be asked for hours.
 MOST_REFLECTORS = 100
 BEAM = "clear the line of sight, and let the instrument see the reflector"
 REFUSALS: Mapping[str, tuple[type[errors.DeviceRefused], str]] = {
@@ -49,15 +50,16 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
     """An instrument at the other end of a wire."""
 
     def __init__(
-        self, given: Surroundings, deadlines: PointlineDeadlines = PointlineDeadlines()
+        self, surroundings: Surroundings, deadlines: PointlineDeadlines = PointlineDeadlines()
     ) -> None:
         super().__init__()
-        self._given = given
-        self._numbers = numbers_from(given.first_number)
+        self._surroundings = surroundings
+        self._numbers = numbers_from(surroundings.first_number)
         self._dialect = Dialect(
             wire.GRAMMAR, REFUSALS, "docs/reference/pointline.md", deadlines.answer_s
         )
         self._deadlines = deadlines
+        # Number of the latest measurement, over all connections; 0: it has none.
         self._last_count = 0
 
     @override
@@ -89,7 +91,7 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
     def reflectors(self) -> tuple[values.Reflector, ...]:
         client = self._session.connection
         reflectors: list[values.Reflector] = []
-        count = 1
+        count = 1  # every instrument has one reflector at least; each answer has their number
         while (index := len(reflectors)) < min(count, MOST_REFLECTORS):
             question = wire.ReadReflector(index)
             entry = client.ask("REFLECTOR", wire.ReflectorDefinition, question)
@@ -103,11 +105,15 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
 
         `NoReflector` when it could not begin, `NotAMeasurement` for a number that came before.
         """
-        client, wanted, _ = self._prepared()
+        client = self._session.connection
+        wanted, _ = self._require_prepared()
         within_s = wanted.measuring_time_s + self._deadlines.measuring_margin_s
         result = client.ask("MEASURE", wire.PointMeasured, within_s=within_s)
+        # Kept now: the question for the air would replace it.
         line = client.latest_line
         covariance_mm2 = _covariance_mm2(client.name, result)
+        # An instrument whose program answers with its latest point, measured or not, repeats the
+        # number. The point would be of the pose before.
         before, self._last_count = self._last_count, result.count
         if result.count == before != 0:
             raise errors.NotAMeasurement(
@@ -137,7 +143,7 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
         self._aim("FIND", wire.Find(distance_mm))
 
     def _aim(self, verb: str, target: wire.GoTo | wire.Find) -> None:
-        self._prepared()
+        self._require_prepared()
         self._session.connection.ask(verb, Nothing, target, within_s=self._deadlines.motion_s)
 
     def _if_it_has(self, verb: str, kind: type[Body]) -> Body | None:
@@ -151,11 +157,11 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
     @override
     def _open(self) -> LineClient:
         return LineClient(
-            self._given.open_transport(),
+            self._surroundings.open_transport(),
             self._dialect,
             self._numbers,
-            clock_s=self._given.clock.now_s,
-            cancelled=self._given.cancelled,
+            clock_s=self._surroundings.clock.now_s,
+            cancelled=self._surroundings.cancelled,
         )
 
     @override
@@ -181,6 +187,7 @@ class PointlineTracker(PreparedTracker[LineClient, Preparation]):
 def _covariance_mm2(where: str, result: wire.PointMeasured) -> values.Matrix3 | None:
     """Return a point's covariance if one is stated, else None; raises `ImplausibleAnswer`."""
     require_point(where, result.point_mm)
+    # Six zeros state no covariance, by the page; `tracker.uncertainty` then counts.
     if not any(result.covariance_mm2):
         return None
     xx, xy, xz, yy, yz, zz = result.covariance_mm2

@@ -1,4 +1,15 @@
-"""Waiting: asking again until something is so, or time is over; sleeping no longer than wanted."""
+"""Waiting: asking again until something is so, or time is over; sleeping no longer than wanted.
+
+Devices say that they are busy, warming up or moving, and rarely when that is over: they are asked
+again. Two rules hold for each such wait:
+
+* It ends. `give_up_s` is a time of the clock and not a number of tries, because an answer may take
+  any time. At least one answer is asked for, whatever the clock shows, and the last one counts.
+* The operator can end it. Python's `sleep` goes on after a signal, so that a long pause is slept in
+  naps, and `WakefulClock` looks at the wish to stop between them.
+
+The clock is an argument. A simulated cell's runs faster than real time, and that of tests by hand.
+"""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -11,9 +22,9 @@ NAP_S = 0.05
 
 
 class WakefulClock:
-    """Clock whose sleep ends soon after the operator wants to stop: nothing waits on in its sleep.
+    """Clock whose sleep ends soon after the operator wants to stop.
 
-    A signal alone ends no sleep. The one who sleeps looks at the wish himself.
+    It raises nothing: the caller looks at the wish to stop itself.
     """
 
     def __init__(self, clock: Clock, cancelled: Callable[[], bool]) -> None:
@@ -25,13 +36,11 @@ class WakefulClock:
         return self._clock.now_s()
 
     def sleep_s(self, seconds: float) -> None:
-        """Return after that much of the clock's time, or after a nap once somebody wants to stop.
-
-        The nap keeps a loop that has not yet seen the wish from spinning.
-        """
+        """Return after the clock's seconds, or after a nap once the operator wants to stop."""
         end_s = self._clock.now_s() + seconds
-        while (left_s := end_s - self._clock.now_s()) > 0.0:
-            self._clock.sleep_s(min(left_s, NAP_S))
+        while (remaining_s := end_s - self._clock.now_s()) > 0.0:
+            self._clock.sleep_s(min(remaining_s, NAP_S))
+            # After the nap, not before: a caller that has not seen the wish yet must not spin.
             if self._cancelled():
                 return
 
@@ -45,6 +54,7 @@ def ask_until(
     pause_s: float,
 ) -> Answer:
     """Ask until the answer is settled or the clock shows `give_up_s`; returns the last answer."""
+    # The time is looked at after asking: an answer that was settled just then still counts.
     while True:
         answer = ask()
         if is_settled(answer) or clock.now_s() >= give_up_s:
@@ -55,5 +65,5 @@ def ask_until(
 def comes_true(
     condition: Callable[[], bool], clock: Clock, *, give_up_s: float, pause_s: float
 ) -> bool:
-    """Whether it becomes true before the clock shows `give_up_s`; tried at least once."""
+    """Return whether a condition becomes true before `give_up_s`; it is tried at least once."""
     return ask_until(bool, condition, clock, give_up_s=give_up_s, pause_s=pause_s)

@@ -1,4 +1,11 @@
-"""Ports of the devices; a new controller or tracker is driven by providing one."""
+"""Ports of the devices; a new controller or tracker is driven by providing one.
+
+They are all that campaigns know of a device. Units are mm, rad and s; a driver converts what its
+wire has. Methods wait for the device's answer within a deadline of the driver's own and raise an
+error of `drivers/errors.py`, but a `move_*` returns when the motion has begun: `state` then shows
+its end, so that a stop can come between. `LinkDown`, `WireError` and `Cancelled` leave a wire
+closed: every call but `connect`, `reconnect`, `stop` and `close` then raises `LinkDown`.
+"""
 
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence

@@ -1,4 +1,14 @@
-"""A robot controller that speaks robotline (docs/reference/robotline.md): units and meaning."""
+"""A robot controller that speaks robotline (docs/reference/robotline.md): units and meaning.
+
+The grammar (`drivers/wire/robotline.py`) has mm and deg, as on the wire; the port has mm and rad.
+They are converted here and nowhere else. What the operator's wish to stop may end differs:
+
+* A question about a motion is abandoned at once, so that `stop` need not wait for its answer.
+* A question to a robot at rest (identity, parameters) is always finished. It moves nothing, and a
+  set of parameters that was sent by half would have to be found out by reading back.
+
+Parameters are staged line by line without any effect, and put to work together by COMMIT.
+"""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,6 +36,7 @@ from drivers.values import Identity, Pose, RobotState, inner_units, outer_units
 from drivers.wire import robotline as wire
 from drivers.wire.lines import Hello, Nothing, Title, numbers_from
 
+# Controllers differ in what they make of a word they do not know; the page allows only ARGUMENT.
 NOT_KNOWN = ("ARGUMENT", "GEOMETRY", "VERB")
 """Refusals of a parameter that a controller does not have."""
 
@@ -47,10 +58,13 @@ class RobotlineDeadlines:
     moving_answer_s: float = 0.5
     """Of the state while the robot moves: a link may be dead without a sign."""
     commit_s: float = 15.0
+    """Of COMMIT, after which the controller keeps the new set over a restart."""
     stop_answer_s: float = 0.5
     """Patience of the first try to stop; each further one waits longer."""
     standstill_s: float = 5.0
+    """Time in which a stop must be confirmed."""
     poll_s: float = 0.01
+    """Pause between two questions whether the robot stands."""
 
 
 class LineRobot(RobotController):
@@ -62,30 +76,36 @@ class LineRobot(RobotController):
     """
 
     def __init__(
-        self, given: RobotSurroundings, deadlines: RobotlineDeadlines = RobotlineDeadlines()
+        self, surroundings: RobotSurroundings, deadlines: RobotlineDeadlines = RobotlineDeadlines()
     ) -> None:
-        self._open_transport = given.open_transport
-        self._clock = given.clock
-        self._layout = given.layout
+        self._open_transport = surroundings.open_transport
+        self._clock = surroundings.clock
+        self._layout = surroundings.layout
         self._dialect = Dialect(
-            wire.grammar(given.layout), REFUSALS, "docs/reference/robotline.md", deadlines.answer_s
+            wire.grammar(surroundings.layout),
+            REFUSALS,
+            "docs/reference/robotline.md",
+            deadlines.answer_s,
         )
-        self._numbers = numbers_from(given.first_number)
+        self._numbers = numbers_from(surroundings.first_number)
         self._deadlines = deadlines
-        self._session = DeviceSession("controller", self._opened, self._greet)
+        self._session = DeviceSession("controller", self._open_client, self._greet)
+        # Parameters of imperfect parts that the controller has; None: not asked yet.
         self._extensions: tuple[str, ...] | None = None
+        # By the latest answer: the next STATE must be answered sooner while the robot moves.
         self._is_moving = False
         self._stopping = StopProcedure(
-            given.clock,
+            surroundings.clock,
             within_s=deadlines.standstill_s,
             answer_s=deadlines.stop_answer_s,
             pause_s=deadlines.poll_s,
-            cancelled=given.cancelled,
-            alarm=given.alarm,
+            cancelled=surroundings.cancelled,
+            alarm=surroundings.alarm,
         )
 
     @override
     def connect(self) -> None:
+        # The controller may come back with another program, and other parameters.
         self._extensions = None
         with self._stopping.undisturbed():
             self._session.open()
@@ -97,7 +117,7 @@ class LineRobot(RobotController):
     @override
     def identity(self) -> Identity:
         with self._stopping.undisturbed():
-            return self._session.recognised(self._greet(self._session.connection))
+            return self._session.recognise(self._greet(self._session.connection))
 
     @override
     def state(self) -> RobotState:
@@ -140,16 +160,20 @@ class LineRobot(RobotController):
         """Read the parameters that the controller works with, by their flat names, mm and deg."""
         with self._stopping.undisturbed():
             geometry = self._read(self._layout.parts)
-            beyond = self._read(self._known_extensions())
-        geometry |= {name: value for name, value in beyond.items() if value}
+            extensions = self._read(self._known_extensions())
+        # A zero is the same robot as one without the parameter: left out, sets compare equal.
+        geometry |= {name: value for name, value in extensions.items() if value}
         return geometry
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:
         """Return which of the named parameters the controller does not have."""
-        asked = {*names} & {*self._layout.extensions}
+        # Every controller has the other parameters: nothing is asked about them.
+        extensions = {*names} & {*self._layout.extensions}
         with self._stopping.undisturbed():
-            known = {*self._layout.parameters, *(self._known_extensions() if asked else ())}
-        return tuple(name for name in names if name not in known)
+            available = {*self._layout.parameters}
+            if extensions:
+                available |= {*self._known_extensions()}
+        return tuple(name for name in names if name not in available)
 
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
         """Replace all parameters at once, or none; raises `DeviceRefused`.
@@ -163,6 +187,7 @@ class LineRobot(RobotController):
                 for part in self._layout.parts_of(geometry):
                     client.ask("STAGE", Nothing, part)
                 client.ask("COMMIT", Nothing, within_s=self._deadlines.commit_s)
+            # After a refusal everything is still staged. A later COMMIT must not find it there.
             except DeviceRefused:
                 client.ask("ABANDON", Nothing)
                 raise
@@ -176,6 +201,7 @@ class LineRobot(RobotController):
         geometry: dict[str, float] = {}
         for name in parts:
             part = client.ask("GEOM", wire.Part, wire.ReadPart(Title(name)))
+            # Number and verb fit, and still it is of another arm: its numbers would be mixed up.
             if part.name != name:
                 self.close()
                 raise WireError(f"the controller answered for {part.name}, asked for {name}")
@@ -183,16 +209,18 @@ class LineRobot(RobotController):
         return geometry
 
     def _known_extensions(self) -> tuple[str, ...]:
-        """Return the parameters of imperfect parts that it has; asked once a connection.
+        """Return the controller's parameters of imperfect parts; ask once a connection.
 
-        It has those of a kind of all arms or of none, so that the first of a kind decides.
+        A controller has a kind for all arms or for none: the first parameter of a kind decides.
         """
         if self._extensions is None:
             kinds = self._layout.extension_kinds
-            self._extensions = tuple(n for names in kinds if self._knows(names[0]) for n in names)
+            self._extensions = tuple(
+                n for names in kinds if self._has_parameter(names[0]) for n in names
+            )
         return self._extensions
 
-    def _knows(self, name: str) -> bool:
+    def _has_parameter(self, name: str) -> bool:
         try:
             self._read((name,))
         except DeviceRefused as error:
@@ -203,6 +231,7 @@ class LineRobot(RobotController):
 
     def _begin(self, verb: str, move: wire.MoveJoints | wire.MovePose) -> None:
         self._session.connection.ask(verb, wire.MotionBegun, move)
+        # From the OK on, by the page, until STATE says otherwise.
         self._is_moving = True
 
     def _greet(self, client: LineClient) -> Identity:
@@ -217,7 +246,7 @@ class LineRobot(RobotController):
             )
         return identity
 
-    def _opened(self, first: str = "") -> LineClient:
+    def _open_client(self, first: str = "") -> LineClient:
         return LineClient(
             self._open_transport(timeout_s=self._stopping.patience_s(CONNECT_S)),
             self._dialect,
@@ -228,10 +257,13 @@ class LineRobot(RobotController):
         )
 
     def _stop_and_watch(self, give_up_s: float, answer_s: float) -> None:
+        # 1. STOP over the open connection, else as the first word on a new one. A greeting before
+        #    it would cost a question's time, and the page has STOP answered before HELLO.
+        # 2. STATE until the robot stands: the answer to STOP says only that braking has begun.
         if self._session.is_open:
             self._session.connection.ask("STOP", Nothing, within_s=answer_s)
         else:
-            self._session.use(self._opened("STOP"))
+            self._session.use(self._open_client("STOP"))
             self._session.connection.await_first(Nothing, answer_s)
 
         def is_moving() -> bool:

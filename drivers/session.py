@@ -1,6 +1,15 @@
 """Session: a device's connections, one after another, to the same device, as it was prepared.
 
-What goes wrong while a connection is opened closes it, and nothing is asked over a closed one.
+Any fault of the wire closes a connection for good (link.py), and a driver goes on over a new one:
+
+1. Open it and greet. Whatever goes wrong meanwhile, an interrupt too, closes it again.
+2. Compare the identity with that of the first greeting. Another serial number at the same address
+   is an error: its points would be taken for those of the device that the campaign began with.
+3. A tracker is then prepared again. It may have been switched off meanwhile, or set by another
+   program, and units or a mode that are not ours would give wrong numbers without any error.
+
+Between a fault and `reconnect` every call raises `LinkDown`: nothing is asked over a closed
+connection, and none is opened behind the caller's back.
 """
 
 from abc import abstractmethod
@@ -22,14 +31,14 @@ Agreed = TypeVar("Agreed")
 class DeviceSession(Generic[Connected]):
     """The connection in use. `device` is what the operator calls the far end.
 
-    `opened` makes a connection; `greet` says what is said first, and who answers.
+    `connect` opens a connection; `greet` asks the first questions over it and returns who answers.
     """
 
     def __init__(
-        self, device: str, opened: Callable[[], Connected], greet: Callable[[Connected], Identity]
+        self, device: str, connect: Callable[[], Connected], greet: Callable[[Connected], Identity]
     ) -> None:
         self._device = device
-        self._opened = opened
+        self._connect = connect
         self._greet = greet
         self._latest: Connected | None = None
         self._identity: Identity | None = None
@@ -63,10 +72,11 @@ class DeviceSession(Generic[Connected]):
 
         From the second time on it must be the same device that answers, else `WrongDevice`.
         """
+        # The old connection first: many devices serve one client only.
         self.close()
-        connection = self._latest = self._opened()
+        connection = self._latest = self._connect()
         try:
-            self._identity = self.recognised(self._greet(connection))
+            self._identity = self.recognise(self._greet(connection))
         except BaseException:  # also an interrupt: what it leaves behind is closed
             connection.close()
             raise
@@ -80,15 +90,16 @@ class DeviceSession(Generic[Connected]):
         if self._latest is not None:
             self._latest.close()
 
-    def recognised(self, found: Identity) -> Identity:
-        """Return who answers; raises `WrongDevice` when it is not the one it was before."""
-        if self._identity not in {None, found}:
+    def recognise(self, identity: Identity) -> Identity:
+        """Return the identity; raises `WrongDevice` if another device has greeted before."""
+        # The first identity stays the measure, also after another device has answered.
+        if self._identity not in {None, identity}:
             raise WrongDevice(
-                f"{self.connection.name}: {found} answers, it was {self._identity} before",
+                f"{self.connection.name}: {identity} answers, it was {self._identity} before",
                 remedy=f"check the address; for another {self._device}, "
                 "start again from the beginning",
             )
-        return found
+        return identity
 
     def _down(self) -> LinkDown:
         closed = "" if self._latest is None else f"{self._latest.name}: the link is closed, "
@@ -112,6 +123,7 @@ class PreparedTracker(LaserTracker, Generic[Connected, Agreed]):
     def __init__(self) -> None:
         self._session = DeviceSession("tracker", self._open, self._greet)
         self._wanted: Preparation | None = None
+        # Settings as the tracker has them after preparing; None: it is not prepared.
         self._agreed: Agreed | None = None
 
     def connect(self) -> None:
@@ -131,10 +143,11 @@ class PreparedTracker(LaserTracker, Generic[Connected, Agreed]):
 
     @override
     def identity(self) -> Identity:
-        return self._session.recognised(self._ask_identity(self._session.connection))
+        return self._session.recognise(self._ask_identity(self._session.connection))
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:
         """Set the tracker up, which may move it; a preparation that breaks off stays wanted."""
+        # Not prepared until everything has succeeded, but wanted: `reconnect` does it again.
         self._wanted, self._agreed = Preparation(reflector, measuring_time_s), None
         self._agreed = self._set_up(self._session.connection, self._wanted)
 
@@ -154,12 +167,11 @@ class PreparedTracker(LaserTracker, Generic[Connected, Agreed]):
     def _set_up(self, client: Connected, wanted: Preparation) -> Agreed:
         """Bring the tracker to what is wanted, and return its settings as they then are."""
 
-    def _prepared(self) -> tuple[Connected, Preparation, Agreed]:
-        """Return the connection with what was wanted and agreed; raises `DeviceNotReady`."""
-        connection = self._session.connection
+    def _require_prepared(self) -> tuple[Preparation, Agreed]:
+        """Return the preparation wanted and the settings agreed; raises `DeviceNotReady`."""
         if self._wanted is None or self._agreed is None:
             raise self._not_ready("is not prepared")
-        return connection, self._wanted, self._agreed
+        return self._wanted, self._agreed
 
     def _not_ready(self, problem: str) -> DeviceNotReady:
         """Return the error that says that the tracker needs preparing."""

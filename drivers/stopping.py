@@ -1,4 +1,18 @@
-"""Stopping a robot: tried until it is confirmed, whatever wire and operator do meanwhile."""
+"""Stopping a robot: tried until it is confirmed, whatever wire and operator do meanwhile.
+
+A stop meets the wire in any state, and may wait neither for a pending answer nor for another call:
+
+* A question may be open. The wish to stop abandons it, which closes its connection (link.py); the
+  stop goes over a new one, as the first word on it (docs/reference/robotline.md, STOP).
+* A connection may be dead without a sign. A try waits for its answer for `answer_s` only; then it
+  is left for a new one, which waits longer, so that a controller that is only slow is heard as
+  well.
+* The operator's wish stays set while the robot stops. It must not abandon the stop's own questions.
+
+Only the controller's word that the robot stands ends a stop. Without it the operator is alarmed
+after the first try, while trying goes on, and after `within_s` the stop ends in
+`RobotStateUnknown`. It is no safety function and replaces no emergency stop circuit.
+"""
 
 import math
 from collections.abc import Callable, Iterator
@@ -52,9 +66,13 @@ class StopProcedure:
         self._pause_s = pause_s
         self._cancelled = cancelled
         self._alarm = alarm
+        # A count: a stop may begin inside a block that is undisturbed already.
         self._undisturbed = 0
+        # Clock's seconds at which the stop under way is given up; None: no stop is under way.
         self._give_up_s: float | None = None
+        # Patience of the present try with an answer, s.
         self._try_s = answer_s
+        # Clock's seconds from which the operator is alarmed; infinite once that has been done.
         self._alarm_s = math.inf
 
     @property
@@ -66,14 +84,15 @@ class StopProcedure:
         """Return the seconds, or less where a stop that is under way has less left."""
         if self._give_up_s is None:
             return seconds
+        # Never less than a pause: a limit of zero would let no answer come at all.
         return min(seconds, max(self._give_up_s - self._clock.now_s(), self._pause_s))
 
     def patience_s(self, seconds: float) -> float:
-        """Return the seconds to connect in, or what a stop's try waits before the alarm."""
+        """Return the seconds to connect in: during a stop at most the present try's patience."""
         return self.at_most_s(min(seconds, self._try_s) if self.is_under_way else seconds)
 
     def is_cancelled(self) -> bool:
-        """Look at the operator's wish to stop, where it may disturb."""
+        """Return whether the operator wants to stop, False where that may not disturb."""
         return not self._undisturbed and self._cancelled()
 
     @contextmanager
@@ -93,22 +112,26 @@ class StopProcedure:
         A connection that a try has opened is left at the end: what comes after the stop waits for a
         reconnection.
         """
+        # A try opens connections without a greeting. No one has asked there who answers, so that
+        # nothing but a stop may go over them.
         before = session.latest
         with self.undisturbed():
             self._give_up_s = self._clock.now_s() + self._within_s
             try:
-                self._until_confirmed(stop_once, self._give_up_s)
+                self._try_until_confirmed(stop_once, self._give_up_s)
             finally:
                 self._give_up_s = None
                 if session.latest is not before:
                     leave()
 
-    def _until_confirmed(self, stop_once: StopOnce, give_up_s: float) -> None:
+    def _try_until_confirmed(self, stop_once: StopOnce, give_up_s: float) -> None:
+        # The patience is this stop's own: an earlier one may have left a long one behind.
         self._try_s, self._alarm_s = self._answer_s, self._clock.now_s() + self._answer_s
         while True:
             try:
                 return stop_once(give_up_s, self.at_most_s(self._try_s))
             except DriverError as error:
+                # A refusal too is tried again: nothing but a confirmation ends a stop.
                 if self._clock.now_s() + self._pause_s >= give_up_s:
                     raise state_unknown(
                         f"the stop was not confirmed within {self._within_s:g} s ({error.problem})"
@@ -120,7 +143,7 @@ class StopProcedure:
     def await_standstill(self, is_moving: Callable[[], bool], *, give_up_s: float) -> None:
         """Return when the robot stands; raises `MotionFault` when it moves on until `give_up_s`.
 
-        The alarm comes as early as where no one answers: a stop that is taken may still do nothing.
+        The operator is alarmed as soon as without an answer: an accepted stop may have no effect.
         """
 
         def stands() -> bool:
@@ -144,5 +167,5 @@ class StopProcedure:
 
 
 def state_unknown(problem: str) -> RobotStateUnknown:
-    """Return the error that says, as loudly as it can, that the robot's state is unknown."""
+    """Return the error for a robot of which no one knows whether it stands."""
     return RobotStateUnknown(f"robot state unknown: {problem}", remedy="use the hardware stop")

@@ -1,4 +1,10 @@
-"""Texts of devices, files and operators, made fit to be shown: the one place that cleans them."""
+"""Texts of devices, files and operators, made fit to be shown: the one place that cleans them.
+
+A serial number or a file's cell comes from outside and is printed, logged and written into reports.
+It may hold what a terminal obeys (escape sequences), what forges a second line, or what turns the
+reading direction of the words behind it. Such characters are replaced, and all letters of all
+scripts stay.
+"""
 
 import shlex
 import unicodedata
@@ -6,8 +12,11 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 INSTEAD = "?"
+# `str.splitlines` breaks lines at these, and so may a terminal.
 _GAPS = "\t\n\v\f\r\x1c\x1d\x1e\x85\u2028\u2029"
+# Zero-width non-joiner and joiner: Persian and Indic scripts need them inside words.
 _JOINERS = "\u200c\u200d"
+# Unicode's categories of control, format, surrogate, line and paragraph separator.
 _HIDDEN = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 _AS_BLANKS = str.maketrans(dict.fromkeys(_GAPS, " "))
 
@@ -15,9 +24,7 @@ _AS_BLANKS = str.maketrans(dict.fromkeys(_GAPS, " "))
 def printable(text: str) -> str:
     """Return a text on one line without control, bidirectional or other hidden characters.
 
-    Line breaks and tabs become blanks, the others `?`: a serial number cannot clear a terminal,
-    forge a line, or turn the reading direction of what stands behind it. What scripts join their
-    letters by stays.
+    Line breaks and tabs become blanks, the others `?`. Joiners of letters stay.
     """
     if text.isprintable():
         return text
@@ -40,9 +47,9 @@ def shortened(text: str, most: int) -> str:
     return f"{text[:half]}…{text[-half:]}"
 
 
-def nearest_word(word: str, known: Iterable[str], *, likeness: float = 0.6) -> str | None:
-    """Find the known word that looks most like it, whatever the case; None when none does."""
-    by_lower = {name.lower(): name for name in known}
+def nearest_word(word: str, choices: Iterable[str], *, likeness: float = 0.6) -> str | None:
+    """Return the choice that is spelled most like a word, whatever its case, or None."""
+    by_lower = {choice.lower(): choice for choice in choices}
     matches = get_close_matches(word.lower(), by_lower, n=1, cutoff=likeness)
     return by_lower[matches[0]] if matches else None
 

@@ -1,4 +1,14 @@
-"""Transports: a device's place as a URL, a socket or a serial line."""
+"""Transports: a device's place as a URL, a socket or a serial line.
+
+A transport is a pipe of bytes, and a socket and a serial line make no difference to its user:
+`send` all of it, `receive` what has arrived, both within a time limit, and `close`. A broken or
+closed pipe raises `LinkDown` on every call; silence is no error, but no bytes. Messages are cut out
+of the bytes elsewhere (`drivers/wire/framing.py`), and deadlines of questions are kept by the link.
+
+1. `parse_address` checks a URL when a campaign is read, long before anything is connected.
+2. `opener_of` makes an opener, which a session calls for each connection. It keeps the address of
+   the socket that answered first, so that a later connection asks no resolver of names.
+"""
 
 import re
 import socket
@@ -13,16 +23,17 @@ DEFAULT_BAUD = 115200
 CHUNK_BYTES, SERIAL_CHUNK_BYTES = 65536, 4096
 CONNECT_S = 5.0
 """How long a device may take to accept a connection."""
+# A time limit of zero would make a socket non-blocking: it would send a part, and raise.
 SHORTEST_SEND_S = 1e-3
-"""A time limit of zero would mean a pipe that never waits, not an impatient one."""
+"""Least time limit of a sending, s."""
 URL_FORMS = "use tcp://HOST:PORT or serial:///dev/ttyUSB0?baud=115200"
 
 _BAUD = re.compile(r"[1-9][0-9]{0,7}")
 
 Address = tuple[Literal["tcp", "serial"], str, int]
-"""Of a socket its host and port, of a serial line its device and baud rate."""
+"""Kind of the place; host and port of a socket, device and baud rate of a serial line."""
 Peer = tuple[int, Any]
-"""Family of a socket, and the address in it that has answered."""
+"""Family of a socket, and the address of that family that has answered."""
 
 
 def parse_address(url: str) -> Address:
@@ -43,6 +54,7 @@ def _tcp_address(parts: SplitResult) -> Address:
         raise ValueError("host or port is missing")
     if parts.path not in {"", "/"} or parts.query or parts.fragment or "@" in parts.netloc:
         raise ValueError("there is more than a host and a port")
+    # An empty label (`robot..local`) or a long one would raise UnicodeError from inside `connect`.
     try:
         parts.hostname.encode("idna")
     except UnicodeError as error:
@@ -51,6 +63,7 @@ def _tcp_address(parts: SplitResult) -> Address:
 
 
 def _serial_address(parts: SplitResult) -> Address:
+    # With two slashes a URL's first word is a host: `serial://ttyUSB0` has no path.
     if parts.netloc or parts.path in {"", "/"}:
         raise ValueError("the device's path needs three slashes before it")
     options = parse_qs(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
@@ -118,9 +131,9 @@ class TcpTransport:
     def connect(
         cls, host: str, port: int, *, timeout_s: float, peer: Peer | None = None
     ) -> "TcpTransport":
-        """Connect to a peer that is known, else to the host; raises `LinkDown`.
+        """Connect to the peer, without one to the host; raises `LinkDown`.
 
-        Within the time limit, where the peer is known.
+        The time limit bounds a connection to a peer. No limit bounds the resolver of a host's name.
         """
         name = f"tcp://{host}:{port}"
         try:
@@ -149,12 +162,14 @@ class TcpTransport:
     def receive(self, timeout_s: float) -> bytes:
         """Return what has arrived; empty when nothing came in time."""
         try:
+            # Zero makes the socket non-blocking: with nothing there, `recv` raises at once.
             self._socket.settimeout(max(timeout_s, 0.0))
             data = self._socket.recv(CHUNK_BYTES)
         except (BlockingIOError, TimeoutError):
             return b""
         except OSError as error:
             raise self._down(error) from error
+        # A socket that is readable without bytes has been closed by its far end.
         if not data:
             raise LinkDown(
                 f"{self.name}: the device closed the connection",
@@ -194,9 +209,11 @@ class SerialTransport:
 
     @classmethod
     def open(cls, device: str, baud: int) -> "SerialTransport":
-        """Open and empty it, or raise `LinkDown`."""
+        """Open the line without the bytes that waited in it; raises `LinkDown`."""
         name = f"serial://{device}"
         try:
+            # pyserial empties the input buffer as it opens a port. `exclusive` locks the device
+            # against a second program, whose answers would be mixed with ours.
             port = serial.Serial(device, baud, exclusive=True)
         except (OSError, ValueError) as error:  # pyserial's own error is an OSError
             raise LinkDown(
@@ -218,6 +235,8 @@ class SerialTransport:
         """Return what has arrived; empty when nothing came in time."""
         try:
             self._port.timeout = max(timeout_s, 0.0)
+            # `read` waits until it has all bytes that it is asked for. So one is waited for, and
+            # what has come with it is taken without waiting.
             first = self._port.read(1)
             waiting = min(self._port.in_waiting, SERIAL_CHUNK_BYTES - 1) if first else 0
             return first + self._port.read(waiting)

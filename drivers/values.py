@@ -27,7 +27,7 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Bounds of a quantity, beyond which no cell of ours can be; in the unit that is shown."""
+    """Bounds of a quantity that no real cell exceeds, in the unit in which it is shown."""
 
     quantity: str
     least: float
@@ -35,7 +35,7 @@ class Bounds:
     unit: str
 
     def hold(self, value: float) -> bool:
-        """Whether it can be; NaN cannot."""
+        """Return whether a value is within the bounds; NaN is not."""
         return self.least <= value <= self.most
 
     def text(self) -> str:
@@ -71,14 +71,14 @@ class Coordinate:
 
 def outer_units(coordinates: Sequence[Coordinate], values: Sequence[float]) -> tuple[float, ...]:
     """Convert values in rad and mm to deg and mm."""
-    each = zip(coordinates, values, strict=True)
-    return tuple(math.degrees(value) if axis.is_angle else value for axis, value in each)
+    pairs = zip(coordinates, values, strict=True)
+    return tuple(math.degrees(value) if axis.is_angle else value for axis, value in pairs)
 
 
 def inner_units(coordinates: Sequence[Coordinate], values: Sequence[float]) -> tuple[float, ...]:
     """Convert values in deg and mm to rad and mm."""
-    each = zip(coordinates, values, strict=True)
-    return tuple(math.radians(value) if axis.is_angle else value for axis, value in each)
+    pairs = zip(coordinates, values, strict=True)
+    return tuple(math.radians(value) if axis.is_angle else value for axis, value in pairs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +169,9 @@ LEAST_DETERMINANT = 1e-12
 
 
 def is_positive_definite(matrix: Matrix3, least_determinant: float = LEAST_DETERMINANT) -> bool:
-    """Whether it can be a covariance: Sylvester's criterion on the correlations, in any unit."""
+    """Return whether a matrix can be a covariance, by Sylvester's criterion on its correlations."""
+    # Correlations have no unit, so that one least determinant suits every unit and size. Each root
+    # is divided by on its own: a product of two variances could underflow to 0 or overflow.
     if not all(math.isfinite(value) for value in chain.from_iterable(matrix)):
         return False
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = matrix

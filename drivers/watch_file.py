@@ -1,4 +1,15 @@
-"""A tracker whose own software appends its points to a file (docs/how-to/by-hand.md)."""
+"""A tracker whose own software appends its points to a file (docs/how-to/by-hand.md).
+
+Only a row that comes after a measurement was asked for is its point. Whether it came after is
+decided by what the file holds, not by any clock: neither the clock of the tracker's computer nor
+times in the rows have to agree with ours.
+
+1. Read the file: its whole rows, and a last line without a line end, which may still be written.
+2. Read it again every `LOOK_S`, until there is a row that was not there before (`rows_since`).
+3. Take it if it is the only new one and differs from the row before; else it is no measurement.
+
+Some software appends, some writes the whole file again, and some replaces it: the rows decide.
+"""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -23,7 +34,7 @@ AGAIN = "measure the point again, one row for each question"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WatchSettings:
-    """Facts about the file; its format is what `pkmcal import` reads."""
+    """Facts about the file; its format is one that `pkmcal import` reads."""
 
     serial: str
     path: Path
@@ -47,6 +58,11 @@ class _Contents:
 
     def rows_since(self, before: "_Contents") -> list[str]:
         """Return the new rows; of a file that was replaced, those that the old one did not have."""
+        # 1. Rows were appended: those behind the old ones are new. Was the first of them half
+        #    written when the file was read before, then it was begun before the question, and is
+        #    not taken.
+        # 2. One row differs in its place: it was written again, say with more digits.
+        # 3. The file was replaced: rows are new that the old one did not have, each as often.
         count = len(before.rows)
         if self.rows[:count] == before.rows:
             rows = [*self.rows[count:]]
@@ -54,24 +70,23 @@ class _Contents:
             return rows[1:] if had_begun else rows
         changed = sum(old != new for old, new in zip(before.rows, self.rows, strict=False))
         if changed == 1 and len(self.rows) == count > 1:
-            return []  # an old row was written again in its place, with more digits say
+            return []
         old_rows = [*before.rows, before.partial]
         return [*(Counter(self.rows) - Counter(old_rows)).elements()]
 
 
 class WatchedTracker(LaserTracker):
-    """A tracker of which nothing is known but the rows that come into a file.
+    """A tracker whose points are the rows that its software writes into a file."""
 
-    Only a row that comes after a measurement was asked for is its point, by what the file holds and
-    not by any clock: neither that of its computer nor times in the rows have to agree with ours.
-    """
-
-    def __init__(self, given: Surroundings) -> None:
-        assert isinstance(given.settings, WatchSettings), "the campaign has them for this driver"
-        self._settings = given.settings
-        self._clock = given.clock
-        self._cancelled = given.cancelled
-        self._name = f"file {given.settings.path.name}"
+    def __init__(self, surroundings: Surroundings) -> None:
+        assert isinstance(surroundings.settings, WatchSettings), (
+            "the campaign has them for this driver"
+        )
+        self._settings = surroundings.settings
+        self._clock = surroundings.clock
+        self._cancelled = surroundings.cancelled
+        self._name = f"file {surroundings.settings.path.name}"
+        # The row taken or refused last: the same row again is no measurement.
         self._last = ""
 
     def connect(self) -> None:
@@ -142,6 +157,7 @@ class WatchedTracker(LaserTracker):
             if otherwise is not None:
                 return otherwise
             raise LinkDown(error.problem, remedy=error.remedy) from error
+        # A byte that cannot be read may be half of a sign that is still being written.
         codec = bounded_files.codec_of(data, self._settings.encoding)
         text = data.decode(codec, errors="replace").replace("\r\n", "\n").replace("\r", "\n")
         whole, _, partial = text.rpartition("\n")

@@ -1,8 +1,19 @@
 """Conversation with an emScon tracker: commands and answers, and what the tracker sends unasked.
 
-Results come unasked, after the answer to StartMeasurement, and so do changes of state, errors, and
-all but the first answer of a list. The link calls `_hear` for each when it arrives; only results,
-errors that end a measurement, and entries of the list of reflectors are queued.
+One command is open at a time; a tracker that is at work answers a second one with "server busy",
+and the client asks again until `busy_s` is over. The answer to a command that moves or initialises
+comes when that has ended. Beside answers, on the same socket and at any time, come packets that no
+one has asked for (`is_event`):
+
+* the result of a measurement, or an error packet in its place. It follows the answer to
+  StartMeasurement, and may overtake it;
+* changes of state and settings, by this client's commands or another's, and live positions;
+* of a list, such as that of the reflectors, all answers but the first.
+
+The link calls `_note_event` for each when it arrives. What only counts (a change of settings, a
+packet of an unknown type) is counted there and dropped; only results, errors that end a measurement
+and entries of a list are queued. A stream of live positions can thus push no result out of the
+queue.
 """
 
 from collections.abc import Mapping
@@ -70,6 +81,8 @@ NOT_READY: Mapping[int, str] = {
     ResultStatus.ATR_HARDWARE_PROBLEM: "have the tracker's target camera serviced",
 }
 """What to do about a tracker that is not ready, by the status of its answer."""
+# No public source has the number of a broken beam. These are taken for one while a beam is needed;
+# for a number outside the public table the traffic light decides.
 BEAM_LOST: frozenset[int] = frozenset(
     {
         ResultStatus.UNKNOWN,
@@ -78,7 +91,7 @@ BEAM_LOST: frozenset[int] = frozenset(
         ResultStatus.NO_STATIONARY_RESULT,
     }
 )
-"""Statuses that can mean a broken beam while one is needed: no public source has its number."""
+"""Statuses that can mean a broken beam while one is needed."""
 BEAM_REMEDY = "clear the line of sight and put the beam back on the reflector"
 
 BodyType = TypeVar("BodyType", bound=bodies.Body)
@@ -102,7 +115,8 @@ def failed_with_beam(where: str, doing: str, status: int, *, beam_lost: bool) ->
     `beam_lost` is what the tracker's traffic light says after the failure. It decides for the
     numbers that are in no public table, which a tracker's controller passes on.
     """
-    if status not in BEAM_LOST and not (beam_lost and not status_words(status)):
+    is_unlisted = not status_words(status)
+    if status not in BEAM_LOST and not (beam_lost and is_unlisted):
         return refused(where, doing, status)
     problem = f"{where}: the beam is lost: {doing} failed: {status_text(status)}"
     return BeamBroken(problem, remedy=BEAM_REMEDY, code=str(status))
@@ -126,31 +140,34 @@ class EmsconDeadlines:
 class EmsconClient(LinkClient[wire.FromServer]):
     """Commands and their answers over one connection; any fault of the wire closes it.
 
-    Closing never sends ExitApplication: it would end the tracker's server.
+    Closing never sends ExitApplication: it would end the server in the tracker.
     """
 
     def __init__(
-        self, transport: Transport, given: Surroundings, deadlines: EmsconDeadlines
+        self, transport: Transport, surroundings: Surroundings, deadlines: EmsconDeadlines
     ) -> None:
         link = Link(
             transport,
             wire.from_server(),
-            clock_s=given.clock.now_s,
+            clock_s=surroundings.clock.now_s,
             is_event=is_event,
-            keeps=self._hear,
-            cancelled=given.cancelled,
+            keeps=self._note_event,
+            cancelled=surroundings.cancelled,
         )
         super().__init__(link)
-        self._clock = given.clock
+        self._clock = surroundings.clock
         self._deadlines = deadlines
+        # Events so far that may have changed settings.
         self._changes = 0
+        # Clock's seconds before the latest question, and at the first end of a measurement since
+        # the queue was last emptied (`_has_ended`).
         self._asked_s = 0.0
         self._first_end_s = 0.0
         self._has_ended = False
         self.may_hear_old_results = False
         """Whether the result of a measurement that failed may still come."""
         self.changes_confirmed = 0
-        """Count of `changes_heard` up to which settings were read back and found unchanged."""
+        """Value of `count_changes` up to which settings were read back and found unchanged."""
         self.passed_over = 0
         """Packets so far of unknown types, and states that were not asked for."""
 
@@ -187,6 +204,9 @@ class EmsconClient(LinkClient[wire.FromServer]):
 
     def reflectors(self) -> list[bodies.ReflectorEntry]:
         """Return every reflector; the tracker sends one answer for each."""
+        # 1. Drop entries of an earlier list. 2. Ask: the first entry is the answer, and has the
+        #    total.
+        # 3. Await the others, which come as events; their order and numbers are the tracker's.
         self.drain()
         entries = [self.ask(Command.GET_REFLECTORS, bodies.ReflectorEntry)]
         total = entries[0].total
@@ -197,9 +217,10 @@ class EmsconClient(LinkClient[wire.FromServer]):
             )
         while len(entries) < total:
             reply = self._link.await_event(
-                _is_reflector, within_s=self._deadlines.answer_s, what="the list of reflectors"
+                _is_reflector, within_s=self._deadlines.answer_s, title="the list of reflectors"
             )
             entries.append(_body_of(reply, bodies.ReflectorEntry))
+        # A tracker without reflectors may send one entry with total 0 (unconfirmed).
         return entries[: max(total, 0)]
 
     def start_measurement(self) -> int:
@@ -213,7 +234,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
         That time is in seconds from before the question was sent.
         """
         message = self._link.await_event(
-            _ends_measurement, within_s=within_s, what="the measurement"
+            _ends_measurement, within_s=within_s, title="the measurement"
         )
         assert isinstance(message, Result | bodies.ErrorResponse)
         return message, self._first_end_s - self._asked_s
@@ -237,8 +258,9 @@ class EmsconClient(LinkClient[wire.FromServer]):
     def abandon_measurement(self) -> None:
         """Stop a measurement that failed; closes the wire when it cannot be stopped.
 
-        Its result may be under way nevertheless: the end of the next one is then looked at twice.
+        Its result may be under way nevertheless: the next measurement's result is looked at twice.
         """
+        # Another refusal is no fault: the measurement may have ended already.
         self.may_hear_old_results = True
         if self.attempt(Command.STOP_MEASUREMENT) == ResultStatus.SERVER_BUSY:
             self.close()
@@ -250,11 +272,11 @@ class EmsconClient(LinkClient[wire.FromServer]):
         """
         self._take_events()
 
-    def changes_heard(self) -> int:
+    def count_changes(self) -> int:
         """Drain, and count what may have changed settings since the connection was opened.
 
-        That is each event that says so, by any client, all live results, which we have switched
-        off, and a queue that was too short for what came.
+        Counted are events of a change, by any client, live results, which we have switched off, and
+        a queue that was too short for what came.
         """
         self.drain()
         self._changes += self._link.has_lost_events()
@@ -269,8 +291,10 @@ class EmsconClient(LinkClient[wire.FromServer]):
             raise refused(self.name, "the connection", OTHER_CLIENT)
         return events
 
-    def _hear(self, event: wire.FromServer) -> bool:
-        """Note what an event says at its arrival, and return whether it is worth queueing."""
+    def _note_event(self, event: wire.FromServer) -> bool:
+        """Count an event at its arrival, and return whether to queue it."""
+        # The time of a result is that of its arrival, not of the moment when it is taken from the
+        # queue: it decides whether the result can be of this measurement.
         self._changes += _may_change_settings(event)
         self.passed_over += _is_passed_over(event)
         ends = _ends_measurement(event)
@@ -285,12 +309,13 @@ class EmsconClient(LinkClient[wire.FromServer]):
         request = wire.encode(wire.EmsconRequest(command, body))
 
         def ask_once() -> wire.Answer | bodies.ErrorResponse:
+            # Of the last try: the tracker began nothing at those that it answered with "busy".
             self._asked_s = self._clock.now_s()
             reply = self._link.ask(
                 request,
                 answers=lambda message: _is_answer(message, command),
                 within_s=within_s or self._deadlines.answer_s,
-                what=command.title,
+                title=command.title,
             )
             assert isinstance(reply, wire.Answer | bodies.ErrorResponse)
             return reply
@@ -312,6 +337,8 @@ def _body_of(reply: wire.FromServer, kind: type[BodyType]) -> BodyType:
 
 def _is_answer(message: wire.FromServer, command: Command) -> bool:
     """Return whether a message answers a command: also an error that names it."""
+    # A refusal may come as an error packet (type 1) in place of an answer (type 0). That of a
+    # tracker which another program holds may name any command.
     if isinstance(message, bodies.ErrorResponse) and message.status != ResultStatus.ALL_OK:
         return message.command == command or _is_other_client(message)
     return isinstance(message, wire.Answer) and message.command == command
@@ -343,6 +370,8 @@ def _is_reflector(message: wire.FromServer) -> bool:
 
 def _ends_measurement(message: wire.FromServer) -> bool:
     """Return whether a message is a result, or an error that is not about a setting or question."""
+    # Which command the error of a broken beam names is unconfirmed. Those of a setting or question
+    # are not about a measurement; all others may be.
     if isinstance(message, bodies.ErrorResponse):
         is_about_it = message.command not in SETTINGS_COMMANDS or _is_other_client(message)
         return is_about_it and message.status != ResultStatus.ALL_OK
@@ -352,7 +381,7 @@ def _ends_measurement(message: wire.FromServer) -> bool:
 def _may_change_settings(message: wire.FromServer) -> bool:
     """Return whether settings must be read back after a message: a change, or an unwanted stream.
 
-    A stream of positions or of continuous results shows that somebody switched it on.
+    A stream of positions or of continuous results shows that another program switched it on.
     """
     if isinstance(message, bodies.StatusChange):
         return message.code in SETTINGS

@@ -1,4 +1,17 @@
-"""Results of emScon: whose they are, and a covariance that can be used."""
+"""Results of emScon: whose they are, and a covariance that can be used.
+
+A result carries no number that ties it to the StartMeasurement that asked for it. A tracker, or a
+program between, that sends an old result again would put each point at the pose before. Three signs
+show a result that cannot be of the measurement just started (`require_own`):
+
+1. It equals the result before byte for byte, its scatter included.
+2. It came sooner than the measuring time allows.
+3. After a failure or a reconnection, a second one follows before the tracker is idle: the failed
+   measurement's result came late, and which of the two is which cannot be decided.
+
+Such a result is refused, and the shot is taken again. A result that is own is then interpreted:
+point and air within bounds (`drivers/plausible.py`), and of two covariances the larger usable one.
+"""
 
 from math import isfinite
 
@@ -9,9 +22,10 @@ from drivers.wire import emscon as wire
 from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon_constants import STATIONARY
 
-SPARE_SHARE = 0.1
-LEAST_SPARE_S = 0.1
-"""How much sooner a result may come: the last of an instrument's readings lies before the end."""
+# The last of an instrument's readings lies before the end of its measuring time.
+EARLY_SHARE = 0.1
+LEAST_EARLY_S = 0.1
+"""How much sooner than the measuring time a result may come: this share of it, or these seconds."""
 NO_COVARIANCE: values.Vector3 = (0.0, 0.0, 0.0)
 LEAST_STD_MM = 1e-7
 """Least value taken for a standard deviation; a zero is a field that the instrument left out."""
@@ -29,7 +43,7 @@ def require_own(
 ) -> None:
     """Raise `NotAMeasurement` for a result that cannot be of the measurement just started.
 
-    `is_repeated`: it is the result before, byte for byte. It came `after_s` after the start.
+    `is_repeated`: the result is the one before, byte for byte. It came `after_s` after the start.
     `measuring_time_s` is None where the tracker's time is not known.
     """
     # No instrument observes the same scatter twice, to the last bit. One that states none (zeros)
@@ -38,12 +52,14 @@ def require_own(
     if is_repeated and any(value > 0.0 for value in result.std):
         problem = "the result is that of the measurement before, byte for byte"
     elif measuring_time_s is not None and after_s < measuring_time_s - max(
-        LEAST_SPARE_S, SPARE_SHARE * measuring_time_s
+        LEAST_EARLY_S, EARLY_SHARE * measuring_time_s
     ):
         problem = (
             f"a result came {after_s:.3f} s after its measurement was started, "
             f"which takes {measuring_time_s:g} s"
         )
+    # This look costs the time until the tracker is idle, and so it is taken only where a result may
+    # be under way that no one waits for.
     elif client.may_hear_old_results and client.await_idle_and_see_another_end():
         problem = (
             "a second result followed, and either can be that of an earlier measurement which "
@@ -101,6 +117,7 @@ def _covariance(where: str, result: Result) -> values.Matrix3:
     observed, apriori = NO_COVARIANCE, NO_COVARIANCE
     if isinstance(result, bodies.SingleResult2):
         observed, apriori = result.covariance, result.apriori_covariance
+    # 1. Each as a matrix, or None where it cannot be used. 2. The one with the larger trace.
     candidates = [_matrix(result.std, observed), _matrix(result.apriori_std, apriori)]
     possible = [matrix for matrix in candidates if matrix]
     if not possible:
@@ -113,9 +130,13 @@ def _covariance(where: str, result: Result) -> values.Matrix3:
 
 
 def _matrix(std: values.Vector3, covariance: values.Vector3) -> values.Matrix3 | None:
-    """Return a positive definite matrix, its diagonal if the whole is none, or None."""
+    """Return the covariance, without correlations if it is not positive definite otherwise.
+
+    None: a standard deviation is missing or impossible.
+    """
     if not all(LEAST_STD_MM < value <= values.SIGMA.most for value in std):
         return None
+    # Firmware may state correlations in another unit than mm² (unconfirmed); deviations are in mm.
     full = _symmetric(std, covariance)
     possible = values.is_positive_definite(full, SMALLEST_DETERMINANT)
     return full if possible else _symmetric(std, NO_COVARIANCE)

@@ -1,4 +1,10 @@
-"""Set-up of an emScon tracker before it measures, and whether it still holds."""
+"""Set-up of an emScon tracker before it measures, and whether it still holds.
+
+Numbers of a result carry no unit, frame or mode: those are settings, which every program that is
+connected can change and which stay over connections. `set_up` therefore sets and reads back all
+that decide what a number means, and `require_unchanged` reads them again whenever an event says
+that a setting may have changed. docs/reference/emscon.md lists the commands in their order.
+"""
 
 from dataclasses import replace
 
@@ -44,12 +50,15 @@ def set_up(
     Initialises a tracker that isn't, which turns its head. Raises `DeviceNotReady` while the laser
     isn't warm and for a reflector that the tracker doesn't know, else `DeviceRefused`.
     """
+    # 1. Units and coordinates, before any number is read.
     client.tell(Command.SET_UNITS, UNITS)
     client.tell(Command.SET_COORDINATE_SYSTEM_TYPE, CARTESIAN)
+    # 2. Laser, then Initialize, which turns the head: not for a tracker that cannot measure.
     status = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
     require_laser(client.name, status)
     if not is_initialised(status):
         client.tell(Command.INITIALIZE, within_s=deadlines.initialise_s)
+    # 3. Reflector, mode, measuring time, search, switches.
     wanted_reflector = bodies.Code(_identifier(client, reflector))
     client.tell(Command.SET_REFLECTOR, wanted_reflector)
     client.tell(Command.SET_MEASUREMENT_MODE, STATIONARY)
@@ -61,28 +70,31 @@ def set_up(
     timeout_ms = round(deadlines.search_timeout_s * 1e3)
     client.tell(Command.SET_SEARCH_PARAMS, bodies.SearchParams(SEARCH_RADIUS_MM, timeout_ms))
     _set_switches(client)
+    # 4. Read back: firmware may accept a setting and keep another one.
     settings = read_settings(client)
     _require_kept(client.name, settings, wanted_reflector, time_ms)
     return settings
 
 
 def read_settings(client: EmsconClient) -> Settings:
-    """Read back everything that decides what a result means."""
+    """Read back all settings that decide what a result means."""
     return {name: client.ask(command, kind) for name, (command, kind) in SETTINGS.items()}
 
 
 def require_unchanged(client: EmsconClient, agreed: Settings) -> None:
-    """Raise `DeviceNotReady` when somebody else has changed what a result means."""
-    heard = client.changes_heard()
-    if heard == client.changes_confirmed:
+    """Raise `DeviceNotReady` when another program has changed what a result means."""
+    # Six questions before each shot would cost time. Without an event nothing has changed.
+    changes = client.count_changes()
+    if changes == client.changes_confirmed:
         return
     current = read_settings(client)
     if changed := [name for name in agreed if current[name] != agreed[name]]:
         raise DeviceNotReady(
             f"{client.name}: another program changed the tracker's {' and '.join(changed)}",
-            remedy="end the other program, then start again: the tracker will be prepared anew",
+            remedy="end the other program, then start again: the tracker will be prepared again",
         )
-    client.changes_confirmed = heard
+    # Only now: settings that could not be read back, or differ, stay in doubt.
+    client.changes_confirmed = changes
 
 
 def require_laser(where: str, status: bodies.SystemStatus) -> None:
@@ -123,6 +135,7 @@ def _identifier(client: EmsconClient, name: str) -> int:
 def _set_switches(client: EmsconClient) -> None:
     """Ask for points in the instrument's own frame; the weather station stays as it is."""
     present = client.ask(Command.GET_SYSTEM_SETTINGS, bodies.SystemSettings)
+    # Only these six: the others are the operator's, or say what equipment there is.
     wanted = replace(
         present,
         apply_transformation=0,

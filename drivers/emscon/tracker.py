@@ -1,4 +1,8 @@
-"""A laser tracker that speaks emScon (docs/reference/emscon.md)."""
+"""A laser tracker that speaks emScon (docs/reference/emscon.md).
+
+This module is the port: it says in which order a measurement or motion happens, and what a failure
+means. `client.py` has the conversation, `setup.py` the settings, `results.py` judges a result.
+"""
 
 from math import cos, isfinite, radians, sin
 
@@ -44,21 +48,22 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
 
     def __init__(
         self,
-        given: Surroundings,
+        surroundings: Surroundings,
         deadlines: EmsconDeadlines = EmsconDeadlines(),  # noqa: B008 - frozen
     ) -> None:
         super().__init__()
-        self._given = given
+        self._surroundings = surroundings
         self._deadlines = deadlines
+        # The latest result as it came, over all connections and also if it was refused: a tracker
+        # can repeat it after a reconnection as well.
         self._last_result = b""
-        """As it came, over all connections."""
 
     def reconnect(self) -> None:
         """Open again after a fault, and prepare the tracker as it was.
 
         It may still hold the broken connection, and refuse a new one for a while.
         """
-        clock = self._given.clock
+        clock = self._surroundings.clock
         give_up_s = clock.now_s() + self._deadlines.old_connection_s
         while True:
             try:
@@ -103,18 +108,23 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
         One of these is `NoReflector`, when it could not begin; another `NotAMeasurement`, when the
         result cannot be of this measurement.
         """
-        client, preparation, agreed = self._prepared()
+        # 1. Settings that an event puts in doubt are read back.
+        client = self._session.connection
+        preparation, agreed = self._require_prepared()
         setup.require_unchanged(client, agreed)
+        # 2. Start. A beam that is missing now was missing before: `NoReflector`.
         if status := client.start_measurement():
             error = self._failure(Command.START_MEASUREMENT.title, status)
             if isinstance(error, errors.BeamBroken):
                 raise errors.NoReflector(error.problem, remedy=error.remedy, code=error.code)
             raise error
+        # 3. Await the result, or the error that comes in its place.
         measurement_time_s = preparation.measuring_time_s
         result, after_s = client.await_end(measurement_time_s + self._deadlines.measuring_margin_s)
         if isinstance(result, bodies.ErrorResponse) or result.status != ResultStatus.ALL_OK:
             client.abandon_measurement()
             raise self._failure(Command.START_MEASUREMENT.title, result.status)
+        # 4. Refuse a result that cannot be of this measurement.
         before, self._last_result = self._last_result, wire.encode(result)
         try:
             require_own(
@@ -127,6 +137,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
         except errors.NotAMeasurement:
             client.abandon_measurement()
             raise
+        # 5. Units changed during the measurement would have changed the result's numbers.
         client.may_hear_old_results = False
         setup.require_unchanged(client, agreed)
         return measurement_of(client.name, result)
@@ -136,6 +147,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
         beam = self._session.connection.ask_or_none(Command.GET_DIRECTION, bodies.Direction)
         if beam is None or not (isfinite(beam.horizontal) and isfinite(beam.vertical)):
             return None
+        # Degrees, as `setup.UNITS` has set; the zenith angle is 0 upwards.
         azimuth, zenith = radians(beam.horizontal), radians(beam.vertical)
         return sin(zenith) * cos(azimuth), sin(zenith) * sin(azimuth), cos(zenith)
 
@@ -149,12 +161,16 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
 
     @override
     def _open(self) -> EmsconClient:
-        client = EmsconClient(self._given.open_transport(), self._given, self._deadlines)
+        client = EmsconClient(
+            self._surroundings.open_transport(), self._surroundings, self._deadlines
+        )
+        # A measurement that was running when the last connection broke may still send its result.
         client.may_hear_old_results = self._session.latest is not None
         return client
 
     @override
     def _greet(self, client: EmsconClient) -> values.Identity:
+        # A tracker that another program holds may say so as soon as it is connected to.
         client.drain()
         client.tell(Command.SET_UNITS, setup.UNITS)
         return self._ask_identity(client)
@@ -180,11 +196,14 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
 
     def _knows_its_time(self) -> bool:
         """Return whether the tracker's seconds are known: a simulated one's may be shorter."""
-        return self._given.in_process or self._session.identity.model != SIMULATED
+        return self._surroundings.in_process or self._session.identity.model != SIMULATED
 
     def _move(self, command: Command, body: bodies.Body) -> None:
-        client, _, agreed = self._prepared()
+        client = self._session.connection
+        _, agreed = self._require_prepared()
+        # In other units the same numbers would turn the head to another place.
         setup.require_unchanged(client, agreed)
+        # The answer comes when the motion and the search after it have ended.
         within_s = self._deadlines.motion_s + self._deadlines.search_timeout_s
         if status := client.attempt(command, body, within_s=within_s):
             raise self._failure(command.title, status)
@@ -193,7 +212,10 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
             raise errors.BeamBroken(problem, remedy=BEAM_REMEDY)
 
     def _failure(self, doing: str, status: int) -> errors.DeviceRefused:
-        """Find out what a failure means: a tracker that cannot see may also not be up."""
+        """Find out what a failure means.
+
+        A tracker without a beam may have restarted: then it needs preparing, not a clear view.
+        """
         client = self._session.connection
         beam_lost = self._readiness() is values.Readiness.NOT_READY
         error = failed_with_beam(client.name, doing, status, beam_lost=beam_lost)

@@ -1,4 +1,20 @@
-"""Grammar of emScon: commands, answers and what comes unasked, as packets."""
+"""Grammar of emScon: commands, answers and what comes unasked, as packets.
+
+Everything on this wire is a packet: size, type and body (`framing.py`), little endian. After these
+eight bytes comes
+
+    command     type 0, from the client      int command, parameters
+    answer      type 0, from the server      int command, int status, values
+    error       type 1, unasked              int command, int status
+    result      type 2 or 9, unasked         int status, values
+    position    type 7, unasked              int status, point
+    change      type 8, unasked              int code
+
+Commands and answers have the same type, and only the direction distinguishes them: there are two
+readers, `from_server` and `from_client`. Parameters and values are the bodies of
+`emscon_messages.py`; the tables `REQUESTS` and `ANSWERS` tie them to their commands.
+Layouts and sources: docs/reference/emscon.md.
+"""
 
 import struct
 from collections.abc import Callable, Mapping
@@ -72,7 +88,7 @@ class Answer:
     body: bodies.Body = field(default=NOTHING)
 
 
-Told = (
+Unasked = (
     bodies.ErrorResponse
     | bodies.StatusChange
     | bodies.ReflectorPosition
@@ -80,11 +96,11 @@ Told = (
     | bodies.SingleResult2
 )
 """Messages that come unasked."""
-FromServer = Answer | Told | Packet
-"""A packet as it is where a client of stationary measurements has no use for it, or none knows."""
+FromServer = Answer | Unasked | Packet
+"""Message of an instrument; a `Packet` where it is of an unknown type, or of one not used here."""
 FromClient = EmsconRequest | UnknownRequest
 
-_UNASKED: Mapping[int, type[Told]] = {
+_UNASKED: Mapping[int, type[Unasked]] = {
     DataType.ERROR: bodies.ErrorResponse,
     DataType.STATUS_CHANGE: bodies.StatusChange,
     DataType.REFLECTOR_POSITION: bodies.ReflectorPosition,
@@ -116,14 +132,14 @@ def _packet(message: FromServer | FromClient) -> Packet:
 
 
 def refusal(command: int, status: int) -> bytes:
-    """Write a refusal, also of a command that the grammar doesn't know.
+    """Write a refusal, also of a command that the grammar does not have.
 
-    With zeros in place of the answer's fields: some clients read them whatever the status says.
+    Zeros stand in place of the answer's fields: some clients read them whatever the status is.
     """
-    known = _known(command)
+    listed = _command_of(command)
     tail_bytes = 656  # of the longest of the public answers
-    if known is not None:
-        tail_bytes = bodies.layout_of(ANSWERS.get(known, bodies.Nothing)).size
+    if listed is not None:
+        tail_bytes = bodies.layout_of(ANSWERS.get(listed, bodies.Nothing)).size
     body = ANSWER_HEADER.pack(command, status) + bytes(tail_bytes)
     return encode_packet(Packet(DataType.COMMAND, body))
 
@@ -144,9 +160,10 @@ def parse_from_client(packet: Packet) -> FromClient:
     if len(packet.body) < COMMAND_HEADER.size:
         raise WireError(f"command of {len(packet.body)} bytes")
     (code,) = COMMAND_HEADER.unpack_from(packet.body)
-    command = _known(code)
+    command = _command_of(code)
     if command is None:
         return UnknownRequest(code)
+    # A client is held to exact sizes; only what an instrument sends may be longer.
     kind = REQUESTS.get(command, bodies.Nothing)
     return EmsconRequest(command, bodies.decode_body(kind, packet.body[COMMAND_HEADER.size :]))
 
@@ -155,16 +172,17 @@ def _answer(body: bytes) -> Answer:
     if len(body) < ANSWER_HEADER.size:
         raise WireError(f"answer of {len(body)} bytes")
     code, status = ANSWER_HEADER.unpack_from(body)
-    command = _known(code)
+    command = _command_of(code)
     if command is None:
         raise WireError(f"answer to command {code}, which is never asked")
+    # What follows a refusal is unconfirmed: nothing, or the answer's fields without meaning.
     if status != ResultStatus.ALL_OK:
         return Answer(command, status)
     kind, tail = ANSWERS.get(command, bodies.Nothing), body[ANSWER_HEADER.size :]
     return Answer(command, status, bodies.decode_body(kind, tail, may_be_longer=True))
 
 
-def _known(code: int) -> Command | None:
+def _command_of(code: int) -> Command | None:
     try:
         return Command(code)
     except ValueError:

@@ -1,4 +1,9 @@
-"""Numbers of the emScon interface that the driver and its simulated server use."""
+"""Numbers of the emScon interface that the driver and its simulated server use.
+
+They were collected from public sources, under names of our own; none was captured from a real
+instrument (docs/reference/emscon.md). Tables are as long as we use them: an instrument may send
+other numbers in every field, so that fields stay plain integers and are compared with these.
+"""
 
 from enum import IntEnum, IntFlag
 
@@ -6,7 +11,7 @@ from enum import IntEnum, IntFlag
 class DataType(IntEnum):
     """The type field of a packet."""
 
-    COMMAND = 0
+    COMMAND = 0  # also of answers: the direction distinguishes them
     ERROR = 1
     SINGLE_RESULT = 2
     MULTI_RESULT = 3
@@ -21,8 +26,9 @@ class DataType(IntEnum):
 
 
 class Command(IntEnum):
-    """The commands that this grammar knows."""
+    """The commands that this grammar has."""
 
+    # ExitApplication (0) is left out on purpose: it ends the server in the tracker.
     GET_SYSTEM_STATUS = 1
     GET_TRACKER_STATUS = 2
     SET_UNITS = 5
@@ -84,7 +90,7 @@ STATIONARY = 0
 
 
 class TrackerLight(IntEnum):
-    """The traffic light, as GetTrackerStatus says it."""
+    """The traffic light, in the numbers of GetTrackerStatus."""
 
     NOT_READY = 0
     BUSY = 1
@@ -95,6 +101,7 @@ class TrackerLight(IntEnum):
 class ProcessorStatus(IntEnum):
     """Steps of the start-up ladder that matter here."""
 
+    # The ladder begins with 0, no tracker processor, and is only climbed upwards.
     BOOTED = 3
     INITIALIZED = 5
 
@@ -102,6 +109,7 @@ class ProcessorStatus(IntEnum):
 class LaserStatus(IntEnum):
     """State of the interferometer's laser."""
 
+    # An AT40x measures with its distance meter alone. What it says here is unconfirmed.
     COMMUNICATION_FAILED = 0
     NOT_AVAILABLE = 1
     HEATING_UP = 2
@@ -135,6 +143,8 @@ class StatusBit(IntFlag):
     INITIALIZED = 65536
 
 
+# AT930 and AT960 have no number in public sources. One that is not listed here is called by the
+# name that it sends.
 SENSOR_NAMES: dict[int, str] = {
     3: "LTD500",
     4: "LT300",
@@ -159,6 +169,8 @@ SENSOR_NAMES: dict[int, str] = {
 class ResultStatus(IntEnum):
     """Status values that a driver meets; an instrument may send others."""
 
+    # Processes of the tracker's controller pass on errors in ranges of their own, such as 24000 to
+    # 24999, for which no public table has words.
     ALL_OK = 0
     SERVER_BUSY = 1
     NOT_IMPLEMENTED = 2
@@ -214,7 +226,7 @@ def status_words(status: int) -> str:
         return f"wrong parameter {WRONG_PARAMETERS.index(status) + 1}"
     if status in OUT_OF_RANGE:
         return f"parameter {OUT_OF_RANGE.index(status) // 2 + 1} out of range"
-    names = {each.value: each.name for each in ResultStatus}
+    names = {known.value: known.name for known in ResultStatus}
     return names.get(status, "").replace("_", " ").lower()
 
 

@@ -2,7 +2,9 @@
 
 A field's type says how it is written: `int` 32-bit integer (also enumerations and flags, 0 or 1),
 `float` double, `Triple` three doubles, `str` text of 32 UTF-16 units. All little endian, without
-padding. Values are in the units that the client has chosen; the wire doesn't say which.
+padding: the interface's packing is 4 bytes, and every field has 4 bytes or a multiple of them.
+Values are in the units that the client has set; the wire does not say which. Later firmware appends
+fields to answers and results, which are passed over.
 """
 
 import struct
@@ -14,6 +16,7 @@ from drivers.errors import WireError
 
 Triple = tuple[float, float, float]
 
+# 32 UTF-16 units, the last of which is NUL.
 TEXT_BYTES = 64
 FORMATS: Mapping[object, str] = {int: "i", float: "d", Triple: "3d", str: f"{TEXT_BYTES}s"}
 """Format in `struct` of a field, by its annotation."""
@@ -41,12 +44,13 @@ def layout_of(kind: type[Body]) -> struct.Struct:
 def decode_body(kind: type[BodyType], data: bytes, *, may_be_longer: bool = False) -> BodyType:
     """Read a body; raises `WireError` unless it has its size.
 
-    Later firmware appends fields: where it `may_be_longer`, they are passed over.
+    Bytes behind its fields are passed over if it `may_be_longer`.
     """
     layout = layout_of(kind)
     if len(data) < layout.size or (len(data) > layout.size and not may_be_longer):
         raise WireError(f"{kind.__name__} has {len(data)} bytes, {layout.size} are expected")
     values = iter(layout.unpack_from(data))
+    # `unpack` gives a flat row of numbers; a field takes one of them, a triple takes three.
     make = cast("Callable[..., BodyType]", kind)
     return make(*(_field(form, values) for form in annotations_of(kind)))
 
@@ -64,6 +68,7 @@ def encode_body(body: Body) -> bytes:
 
 
 def _field(form: object, values: Iterator[Any]) -> object:
+    # Behind a text's first NUL an instrument may leave anything, half a surrogate pair too.
     if form == Triple:
         return next(values), next(values), next(values)
     value = next(values)
@@ -156,6 +161,7 @@ class SearchParams(Body):
 class SystemSettings(Body):
     """Switches of the instrument."""
 
+    # SetSystemSettings writes all of them: a switch is changed by reading and writing the whole.
     weather_monitor: int
     apply_transformation: int
     apply_station_orientation: int
@@ -186,6 +192,7 @@ class ApproximateDistance(Body):
 class Direction(Body):
     """Direction of the beam."""
 
+    # In the angle unit that is set; the vertical angle is 0 at the zenith.
     horizontal: float
     vertical: float
 
@@ -210,6 +217,7 @@ class MeasurementStatusInfo(Body):
 class TrackerInfo(Body):
     """Kind of the instrument; `sensor_type` is a key of `SENSOR_NAMES`."""
 
+    # A tracker may lack this command. Only the first two fields are used here.
     sensor_type: int
     name: str
     serial: int
@@ -233,6 +241,7 @@ class TrackerInfo(Body):
 class ErrorResponse(Body):
     """An unasked error, such as a broken beam."""
 
+    # On the wire it looks like a bare answer; only the packet's type (1, not 0) differs.
     command: int
     status: int
 
@@ -241,6 +250,7 @@ class ErrorResponse(Body):
 class StatusChange(Body):
     """Change of state, by this client or another; `code` may be a `SystemChange`."""
 
+    # Of what comes unasked the only packet without a status.
     code: int
 
 
@@ -256,6 +266,8 @@ class ReflectorPosition(Body):
 class SingleResult(Body):
     """A stationary measurement with standard statistics."""
 
+    # `std` is the scatter that was observed in this measurement, `apriori_std` comes from the
+    # instrument's accuracy model. Whether it is of a reading or of their mean is unconfirmed.
     status: int
     mode: int
     is_trial: int
@@ -274,6 +286,8 @@ class SingleResult(Body):
 class SingleResult2(Body):
     """A stationary measurement with extended statistics; covariances in the order 12, 13, 23."""
 
+    # Sent in place of `SingleResult` after SetStatisticMode extended. Covariances are taken to be
+    # in squares of the unit of length (unconfirmed).
     status: int
     mode: int
     is_trial: int

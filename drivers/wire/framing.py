@@ -1,4 +1,10 @@
-"""Framing: bytes to lines and to packets of bounded length, and back."""
+"""Framing: bytes to lines and to packets of bounded length, and back.
+
+A socket or serial line brings bytes in pieces of any length: half a message, or three at once. A
+framer keeps what is incomplete and returns the messages that a piece completes. It holds at most
+one message, whatever a peer sends: a length that is claimed is checked before anything is kept for
+it.
+"""
 
 import struct
 from collections.abc import Callable, Iterable
@@ -7,6 +13,8 @@ from typing import TypeVar
 
 from drivers.errors import WireError
 
+# emScon: every packet begins with two 32-bit integers, little endian, its size (these eight bytes
+# included) and its type. Other clients refuse packets above 64 KiB as well.
 HEADER = struct.Struct("<ii")
 LARGEST_PACKET_BYTES = 65536
 
@@ -40,20 +48,22 @@ class LineFramer:
     def feed(self, data: bytes) -> list[bytes]:
         """Return the lines completed by these bytes."""
         lines: list[bytes] = []
-        *ends, rest = data.split(b"\n")
-        for end in ends:
-            self._extend(end, lines)
+        # All pieces but the last end with a line feed; the last one begins a line.
+        *line_ends, beginning = data.split(b"\n")
+        for line_end in line_ends:
+            self._extend(line_end, lines)
             if not self._is_cut():
                 lines.append(bytes(self._partial).removesuffix(b"\r"))
             self._partial.clear()
-        self._extend(rest, lines)
+        self._extend(beginning, lines)
         return lines
 
     def _is_cut(self) -> bool:
-        """Whether the present line was already handed out as too long."""
+        """Return whether the present line was already handed out as too long."""
         return len(self._partial) == self._kept_bytes
 
     def _extend(self, piece: bytes, lines: list[bytes]) -> None:
+        # The bytes of a line that is too long are thrown away up to its line feed.
         if self._is_cut():
             return
         self._partial += piece[: self._kept_bytes - len(self._partial)]
@@ -96,14 +106,17 @@ class PacketFramer:
         """Return the packets completed by these bytes."""
         self._waiting += data
         packets: list[Packet] = []
-        while (packet := self._next()) is not None:
+        while (packet := self._take_packet()) is not None:
             packets.append(packet)
         return packets
 
-    def _next(self) -> Packet | None:
+    def _take_packet(self) -> Packet | None:
+        """Take the first whole packet off the bytes that wait; None while it is incomplete."""
+        # Even the header may come in two pieces.
         if len(self._waiting) < HEADER.size:
             return None
         size, kind = HEADER.unpack_from(self._waiting)
+        # The bytes stay where they are: nothing behind a wrong size can be found again.
         if not HEADER.size <= size <= LARGEST_PACKET_BYTES:
             raise WireError(
                 f"a packet claims {size} bytes, allowed are {HEADER.size} to {LARGEST_PACKET_BYTES}"

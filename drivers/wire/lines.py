@@ -1,12 +1,19 @@
 """Numbered, checked lines: the grammar that robotline and pointline share.
 
-Its specification is docs/reference/robotline.md.
+Its specification is docs/reference/robotline.md. The lines are
 
-A question is `>NUMBER VERB words… *CCCC`; its answer `<NUMBER VERB OK words… *CCCC`, or
-`<NUMBER VERB NO CODE text… *CCCC`. The words are the fields of a dataclass, in their order. The
-annotation of a field says how it is written: `int` as a whole number, `float` with a decimal point,
-`bool` as 0 or 1, `str` as a percent-encoded name, `Title` as it stands. A tuple of three floats is
-three numbers; `tuple[float, ...]` takes all numbers that the fields behind it leave.
+    >NUMBER VERB words… *CCCC             a question
+    <NUMBER VERB OK words… *CCCC          its answer
+    <NUMBER VERB NO CODE text… *CCCC      or its refusal
+
+The number ties an answer to its question, and the checksum CCCC finds bytes damaged on a serial
+line. A protocol is a table of verbs, each with two dataclasses: of its question and of its answer.
+The words are the fields of such a dataclass, in their order, and the annotation of a field says how
+it is written: `int` as a whole number, `float` with a decimal point, `bool` as 0 or 1, `str` as a
+percent-encoded name, `Title` as it stands. A tuple of three floats is three numbers;
+`tuple[float, ...]` takes all numbers that the fields behind it leave.
+
+Reading is strict: one way to write each value, and `WireError` for anything else.
 """
 
 import math
@@ -28,12 +35,18 @@ QUESTION_MARK, ANSWER_MARK = ">", "<"
 EMPTY_LINE = b"\n"
 """Line that says nothing, but ends one that was left half sent."""
 NO_NAME = "-"
+# With the longest number, verb and code the line still has less than robotline's 255 bytes.
 _REFUSAL_CHARACTERS = 200
+# Words of printable ASCII with exactly one space between, then the checksum: CR, tabs and double
+# spaces do not fit.
 _CHECKED_LINE = re.compile(rb"([!-~]+(?: [!-~]+)*) \*([0-9A-F]{4})")
 _NUMBERED = re.compile(r"([<>])([1-9][0-9]{0,8})")
+# The number of a damaged line may be damaged too, and is answered nevertheless: the client then
+# sees an answer to another number, and waits until its deadline.
 _DAMAGED_QUESTION = re.compile(rb">([1-9][0-9]{0,8}) ")
 _CODE = re.compile(r"[A-Z]+")
 _NOT_PRINTABLE = re.compile(r"[^ -~]")
+# Stricter than `float()`, which takes `nan`, `1_000`, `1.` and digits of other scripts.
 _DECIMAL = re.compile(r"-?[0-9]+\.[0-9]+([eE][+-]?[0-9]{1,3})?")
 _WHOLE = re.compile(r"0|[1-9][0-9]{0,8}")
 _NAME = re.compile(r"([!-$&-~]|%[0-9A-F]{2})+")
@@ -86,7 +99,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Answer to the question of that number and verb; `line` is it as it came."""
+    """Answer to the question of this number and verb; `line` is the answer as it came."""
 
     number: int
     verb: str
@@ -95,7 +108,7 @@ class Answer:
 
 
 class BadQuestion(WireError):
-    """A line that no device can act on. `answer` is what it must say; None: nothing."""
+    """A line that no device can act on. `answer` is what it must answer; None: nothing."""
 
     def __init__(self, problem: str, answer: Answer | None) -> None:
         super().__init__(problem)
@@ -104,11 +117,13 @@ class BadQuestion(WireError):
 
 def numbers_from(first: int) -> Iterator[int]:
     """Count the questions up without an end; after the last number comes 1."""
+    # A number of ten digits would be refused by the other side.
     return ((number - 1) % LAST_NUMBER + 1 for number in count(first))
 
 
 def checksum(text: bytes) -> int:
     """Return the CRC-16/CCITT-FALSE: 0x1021, start 0xFFFF, nothing reflected or inverted."""
+    # `crc_hqx` has the polynomial; CCITT-FALSE is its variant that starts with 0xFFFF.
     return crc_hqx(text, 0xFFFF)
 
 
@@ -130,13 +145,14 @@ class LineGrammar:
         self._check = check
 
     def line_framer(self) -> LineFramer:
-        """Cut a stream into lines."""
+        """Return a framer that cuts a stream into lines of this protocol."""
+        # The limit counts the line feed, the framer does not.
         return LineFramer(self._line_bytes - len(EMPTY_LINE))
 
     def answers(self) -> Callable[[bytes], list[Answer]]:
-        """Read answers from bytes in any pieces; empty lines are passed over.
+        """Return a reader of answers from bytes in any pieces, which raises only `WireError`.
 
-        Raises only `WireError`.
+        Empty lines are passed over.
         """
         return messages(self.line_framer().feed, self.decode_answer)
 
@@ -155,6 +171,7 @@ class LineGrammar:
 
     def decode_question(self, line: bytes) -> Question:
         """Read a line without its line feed; raises `BadQuestion`."""
+        # In the order of the specification: the line (CHECKSUM), the verb, the arguments.
         try:
             number, words = self._unpack(line, QUESTION_MARK)
         except WireError as error:
@@ -174,11 +191,12 @@ class LineGrammar:
         number, words = self._unpack(line, ANSWER_MARK)
         text = line.decode("ascii")
         match words:
-            case [verb, "OK", *rest] if verb in self._verbs:
-                return Answer(number, verb, self._read(self._verbs[verb][1], rest), text)
-            case [verb, "NO", code, *rest] if _CODE.fullmatch(code):
+            case [verb, "OK", *fields_words] if verb in self._verbs:
+                return Answer(number, verb, self._read(self._verbs[verb][1], fields_words), text)
+            # Any code is read: which ones mean what is the dialect's.
+            case [verb, "NO", code, *reason] if _CODE.fullmatch(code):
                 if verb in self._verbs or verb == UNREAD_VERB:
-                    return Answer(number, verb, Refused(code, " ".join(rest)), text)
+                    return Answer(number, verb, Refused(code, " ".join(reason)), text)
         raise WireError(f"neither 'VERB OK …' nor 'VERB NO CODE …': {line!r:.80}")
 
     def _read(self, kind: type[Body], words: Sequence[str]) -> Body:
@@ -197,6 +215,7 @@ class LineGrammar:
 
     def _unpack(self, line: bytes, mark: str) -> tuple[int, list[str]]:
         """Check a line and return its number and the words behind it."""
+        # `>=`: without its line feed a line must be shorter than the limit.
         if len(line) >= self._line_bytes:
             raise WireError(f"a line of more than {self._line_bytes} bytes: {line!r:.80}")
         checked = _CHECKED_LINE.fullmatch(line)
@@ -212,15 +231,17 @@ class LineGrammar:
 
 
 def _answer_to_damaged(line: bytes, problem: str) -> Answer | None:
+    """Return the refusal of a damaged question, None if not even its number can be read."""
     damaged = _DAMAGED_QUESTION.match(line)
     return damaged and Answer(int(damaged[1]), UNREAD_VERB, Refused("CHECKSUM", problem))
 
 
-# Any in what follows: the fields of a message are known by their annotations only
+# `Any` below: the fields of a message are known by their annotations only.
 
 
 def written(body: object) -> list[str]:
     """Write a message as words; raises `WireError` for a number that is not finite."""
+    # A tuple and a title are several words, and every other field is one.
     words: list[str] = []
     for slot in fields(cast("Any", body)):
         value = getattr(body, slot.name)
@@ -237,32 +258,35 @@ def written(body: object) -> list[str]:
 def read(kind: type[Body], words: Sequence[str]) -> Body:
     """Read a message of its words; raises `WireError`."""
     values: list[Any] = []
-    rest = list(words)
+    unread = list(words)
     slots = fields(cast("Any", kind))
+    # Each field takes its words off the front of `unread`. `behind` counts the fields after it: a
+    # tuple of any length leaves one word for each of them.
     for behind, slot in zip(reversed(range(len(slots))), slots, strict=True):
-        values.append(_take(slot.type, rest, behind, slot.name))
-    if rest:
-        raise WireError(f"'{rest[0]}' is one word too many")
+        values.append(_take_field(slot.type, unread, behind, slot.name))
+    if unread:
+        raise WireError(f"'{unread[0]}' is one word too many")
     return kind(*values)
 
 
-def _take(form: Any, rest: list[str], behind: int, meaning: str) -> object:
-    """Take a field's words off those that are left; `behind` fields follow it, a word each."""
+def _take_field(form: Any, unread: list[str], behind: int, meaning: str) -> object:
+    """Take a field's words off the unread ones; `behind` fields follow it, a word each."""
     if get_origin(form) is tuple:
         sizes = get_args(form)
-        size = max(len(rest) - behind, 0) if Ellipsis in sizes else len(sizes)
-        return tuple(_read_decimal(_next(rest, meaning), meaning) for _ in range(size))
-    word = _next(rest, meaning)
+        size = max(len(unread) - behind, 0) if Ellipsis in sizes else len(sizes)
+        return tuple(_read_decimal(_take_word(unread, meaning), meaning) for _ in range(size))
+    word = _take_word(unread, meaning)
+    # `ARM 2` is one title. Behind a title come decimal numbers, which are not whole ones.
     if form is Title:
-        return f"{word} {rest.pop(0)}" if rest and _WHOLE.fullmatch(rest[0]) else word
+        return f"{word} {unread.pop(0)}" if unread and _WHOLE.fullmatch(unread[0]) else word
     _, read_word = _FORMS[form]
     return read_word(word, meaning)
 
 
-def _next(rest: list[str], meaning: str) -> str:
-    if not rest:
+def _take_word(unread: list[str], meaning: str) -> str:
+    if not unread:
         raise WireError(f"the line ends where {meaning} was expected")
-    return rest.pop(0)
+    return unread.pop(0)
 
 
 def _decimal_word(value: float) -> str:
@@ -272,11 +296,13 @@ def _decimal_word(value: float) -> str:
             f"{value} cannot be sent: it is not a finite number",
             remedy="look where the value comes from: the plan or the robot file",
         )
+    # `repr` is the shortest text of this double, but writes 1e-07 without a point.
     text = repr(float(value))
     return text if "." in text else text.replace("e", ".0e")
 
 
 def _read_decimal(word: str, meaning: str) -> float:
+    # `1.0e999` fits the form and is infinite.
     value = float(word) if _DECIMAL.fullmatch(word) else math.nan
     if not math.isfinite(value):
         raise WireError(f"{meaning} is '{word}', not a number like -12.5")
@@ -297,6 +323,7 @@ def _read_flag(word: str, meaning: str) -> bool:
 
 def _name_word(text: str) -> str:
     """Write a text as one word: percent-encoded UTF-8, `-` when it is empty."""
+    # A text that is `-` itself would read as empty, and is written `%2D`.
     return "%2D" if text == NO_NAME else quote(text, safe=_UNQUOTED) or NO_NAME
 
 

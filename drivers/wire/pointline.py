@@ -1,7 +1,8 @@
 """Grammar of pointline, our protocol for instruments, specified in docs/reference/pointline.md.
 
-Millimetres, seconds, °C, hPa and % as on the wire, in the numbered lines of robotline. `VERBS` says
-what is asked and answered by each verb.
+Millimetres, seconds, °C, hPa and % as on the wire, in the numbered lines of robotline. `VERBS` has
+the question and the answer of each verb. An answer comes when the work is done, and nothing comes
+unasked.
 """
 
 from collections.abc import Mapping
@@ -11,6 +12,7 @@ from drivers.values import Vector3
 from drivers.wire.lines import Greeting, Hello, LineGrammar, Nothing
 
 VERSION = 1
+# Longer than robotline's 255: an answer to MEASURE has nine numbers of up to 24 characters.
 LINE_BYTES = 511
 """The longest line; line feed and carriage return count."""
 
@@ -39,7 +41,7 @@ class GoTo:
 
 @dataclass(frozen=True, slots=True)
 class Find:
-    """Search around the present direction at about that distance."""
+    """Search around the present direction for a reflector at about this distance."""
 
     distance_mm: float
 

@@ -1,7 +1,8 @@
 """Grammar of robotline, our protocol for controllers, specified in docs/reference/robotline.md.
 
-Millimetres and degrees, as on the wire. `VERBS` says what is asked and answered by each verb. How
-many joints, coordinates and parameters there are is the robot's: its `RobotLayout` counts.
+Millimetres and degrees, as on the wire. `VERBS` has the question and the answer of each verb. The
+numbers of joints, coordinates and parameters are the robot's: its `RobotLayout` counts them, and a
+message with another count is refused like one that is badly written.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -45,6 +46,7 @@ class RobotLayout:
         extensions: Iterable[str] = (),
     ) -> Self:
         """Lay out parameters by name, arm and stem: one of no arm has a line `STEM`."""
+        # The order of the parameters is that of the numbers in a line, and of the lines.
         parts: dict[str, tuple[str, ...]] = {}
         for name, arm, stem in parameters:
             words = stem.upper() if arm is None else f"ARM {arm}"
@@ -58,7 +60,7 @@ class RobotLayout:
 
     @cached_property
     def extension_kinds(self) -> tuple[tuple[str, ...], ...]:
-        """Extensions by what they are of each arm: `axis_tilt_deg`."""
+        """Names of the extensions, those of a kind (`axis_tilt_deg`) of all arms together."""
         by_kind: dict[str, tuple[str, ...]] = {}
         for name in self.extensions:
             kind = name.rpartition(".")[2]
@@ -69,6 +71,7 @@ class RobotLayout:
         """Yield the lines of a whole parameter set; raises `KeyError` for one that is missing."""
         for words, names in self.parts.items():
             yield Part(Title(words), tuple(parameters[name] for name in names))
+        # Only those of the set: a controller refuses the line of a parameter that it lacks.
         for name in self.extensions:
             if name in parameters:
                 yield Part(Title(name), (parameters[name],))
@@ -83,6 +86,7 @@ class RobotLayout:
 
     def check(self, body: object) -> None:
         """Raise `WireError` for a message that is of another robot, or for an impossible speed."""
+        # Messages that are not listed have nothing that depends on the robot.
         match body:
             case ControllerStatus(joints=joints):
                 _require_count("joints", joints, len(self.joints))
@@ -133,8 +137,8 @@ class MovePose:
 class Part:
     """Parameters of one arm, or a single one, by the words that name them.
 
-    As a question: part of a new set, which is laid ready without any effect yet. As an answer: what
-    the controller works with.
+    As a question (STAGE) it is a part of a new set, which has no effect before COMMIT. As an answer
+    (GEOM) it is what the controller works with.
     """
 
     name: Title
@@ -177,7 +181,7 @@ VERBS: Mapping[str, tuple[type, type]] = {
     "STATE": (Nothing, ControllerStatus),
     "MOVEJ": (MoveJoints, MotionBegun),
     "MOVEP": (MovePose, MotionBegun),
-    "STOP": (Nothing, Nothing),
+    "STOP": (Nothing, Nothing),  # answered when braking has begun: STATE shows when it has ended
     "GEOM": (ReadPart, Part),
     "STAGE": (Part, Nothing),
     "COMMIT": (Nothing, Nothing),

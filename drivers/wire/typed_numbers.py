@@ -1,4 +1,9 @@
-"""Grammar of numbers that a person types or pastes: any separators, decimal points or commas."""
+"""Grammar of numbers that a person types or pastes: any separators, decimal points or commas.
+
+A tracker's software shows points in the language of its computer: `2510,5; -35,2; 75` or `X =
+2510.5 mm`. A comma may thus be a decimal comma or a separator. A line is read only if there is one
+way to read it; where there are two, the person is asked again.
+"""
 
 import math
 import re
@@ -7,6 +12,7 @@ from drivers.errors import WireError
 
 _LABELS = re.compile(r"\b[A-Za-z][A-Za-z_]*\d*\s*[=:]|\b[xyzXYZ]\b|\bmm\b|\bdeg\b|°")
 """Words that stand between numbers: `X=`, `q0:`, `x`, a unit."""
+# A comma separates only with a blank behind it; between digits it is a decimal comma.
 _BETWEEN = re.compile(r"\s*[;\t]\s*|,\s+|\s+")
 _NUMBER = re.compile(r"[+-]?\d+([.,]\d*)?([eE][+-]?\d{1,3})?|[+-]?[.,]\d+")
 _SHOWN_CHARACTERS = 60
@@ -18,8 +24,10 @@ def typed_numbers(text: str, count: int) -> tuple[float, ...]:
 
     Blanks, tabs, semicolons or commas stand between them, and perhaps axes' names and a unit.
     """
+    # U+2212 is the minus sign that documents and spreadsheets use in place of the hyphen.
     plain = _LABELS.sub(" ", text.replace("\u2212", "-")).strip().rstrip(";,")
     words = [word for word in _BETWEEN.split(plain) if word]
+    # `1.5,2.5,3.5`: without any blank, commas are separators if their count fits.
     if len(words) == 1 and plain.count(",") == count - 1 > 0:
         words = plain.split(",")
     shown = text.strip()[:_SHOWN_CHARACTERS]

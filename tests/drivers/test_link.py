@@ -31,7 +31,7 @@ class Cell:
         self.link = link_over(self.pipe, self.clock.now_s, cancelled)
 
     def ask(self, request=b"question\n", within_s=1.0):
-        return self.link.ask(request, answers=is_answer, within_s=within_s, what="QUESTION")
+        return self.link.ask(request, answers=is_answer, within_s=within_s, title="QUESTION")
 
     def assert_closed(self):
         assert not self.link.is_open
@@ -70,7 +70,7 @@ def test_answer_that_came_in_time_counts_even_if_looked_at_late():
     pipe = TimedPipe(HandClock(), lambda _: ((0.0, b"answer 1\n"),))
     question_and_awakening_s = iter([0.0, 2.0])
     link = link_over(pipe, lambda: next(question_and_awakening_s))
-    assert link.ask(b"q\n", answers=is_answer, within_s=1.0, what="Q") == b"answer 1"
+    assert link.ask(b"q\n", answers=is_answer, within_s=1.0, title="Q") == b"answer 1"
 
 
 @pytest.mark.parametrize("said", [b"a", b"event\n"])
@@ -84,12 +84,12 @@ def test_deadline_counts_from_the_question_not_from_the_last_byte_or_event(said)
 def test_answers_to_nothing_twice_or_of_another_kind_close_the_link():
     cell = Cell()
     cell.pipe.arrives(0.0, b"answer 0\n")
-    with pytest.raises(WireError, match="nobody asked"):
+    with pytest.raises(WireError, match="an unexpected message"):
         cell.ask()
     assert cell.pipe.sent == []
     cell.assert_closed()
     cell = Cell((0.1, b"answer 1\nanswer 1\n"))
-    with pytest.raises(WireError, match="nobody asked"):
+    with pytest.raises(WireError, match="an unexpected message"):
         cell.ask()
     cell.assert_closed()
     cell = Cell((0.1, b"something else\n"), (0.2, b"answer 1\n"))
@@ -109,7 +109,7 @@ def test_error_of_the_framer_closes_the_link():
     pipe = TimedPipe(clock, lambda _: ((0.1, b"\xff\x00"),))
     link = Link(pipe, Strict().feed, clock_s=clock.now_s, is_event=is_event)
     with pytest.raises(WireError, match="garbage"):
-        link.ask(b"q\n", answers=is_answer, within_s=1.0, what="Q")
+        link.ask(b"q\n", answers=is_answer, within_s=1.0, title="Q")
     assert pipe.is_closed
 
 
@@ -150,12 +150,12 @@ def test_flood_of_events_is_bounded_and_the_newest_are_kept():
 def test_event_is_found_or_waited_for_and_the_others_stay():
     cell = Cell((0.0, b"event 1\nevent 2\nanswer 1\n"))
     cell.ask()
-    found = cell.link.await_event(lambda e: e == b"event 2", within_s=1.0, what="EVENT")
+    found = cell.link.await_event(lambda e: e == b"event 2", within_s=1.0, title="EVENT")
     assert found == b"event 2"
     assert cell.link.events() == [b"event 1"]
     cell = Cell()
     cell.pipe.arrives(0.7, b"event 1\n")
-    assert cell.link.await_event(is_event, within_s=1.0, what="EVENT") == b"event 1"
+    assert cell.link.await_event(is_event, within_s=1.0, title="EVENT") == b"event 1"
     assert cell.clock.now_s() == pytest.approx(0.7)
 
 
