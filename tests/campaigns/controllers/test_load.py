@@ -7,7 +7,7 @@ import pytest
 from fake_cell import ROBOT
 from par4_space import SPACE, with_values
 
-from campaigns.controllers.load import changes, differing, write_verified
+from campaigns.controllers.load import changes, differing, put_back, write_verified
 from campaigns.errors import LoadNotVerified
 from drivers.errors import DeviceRefused, DriverError, LinkDown
 
@@ -160,6 +160,13 @@ def test_controller_that_cannot_be_read_any_more_is_unknown_and_loud() -> None:
     error = failure(controller)
     assert "what the controller holds cannot be read" in error.problem
     assert error.remedy.startswith("don't move the robot")
+
+
+def test_a_rollback_that_does_not_verify_is_loud() -> None:
+    put_back(Controller(held=dict(NEW)), OLD)
+    with pytest.raises(LoadNotVerified) as raised:
+        put_back(Controller(held=dict(NEW), on_write=[take_half, take_half]), OLD)
+    assert raised.value.remedy.startswith("don't move the robot")
 
 
 @pytest.mark.parametrize("restoring", [refuse, ignore], ids=["refused", "not taken"])
