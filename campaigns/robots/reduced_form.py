@@ -1,4 +1,9 @@
-"""Reduced form: what a controller with fewer parameters can hold of an identified set."""
+"""Reduced form: the parameter set that a controller with fewer parameters can hold.
+
+Many controllers compute with the plain geometry alone. For them the extensions of an identified set
+(tilts, skews, gears) are left out and the other parameters fitted to the whole set over the
+workspace. What the form loses by this is stated with it, in mm, wherever the form appears.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,32 +20,34 @@ FORM = "projection"
 class ReducedForm:
     """Form of an identified set for a controller that takes fewer parameters, or a warmer robot.
 
-    `of`: sha256 of the identified geometry. Lost: error of position over the workspace beside that
-    set, the controller's frame best fitted, mm; files of older software have no rms.
+    Losses are errors of position over the workspace against the identified set, after the best fit
+    of the controller's frame.
     """
 
     of: str
+    """SHA-256 of the identified geometry."""
     lost_mean_mm: float
     lost_max_mm: float
     lost_rms_mm: float | None = None
+    """None in files of older software."""
     name: str = "plain"
 
     @property
     def says(self) -> str:
-        """What it is, and what it loses."""
+        """Name of the form and its losses, in words."""
         lost = f", {self.loses}" if self.lost_max_mm else ""
         return f"a form of the identified parameters ({self.name}){lost}"
 
     @property
     def loses(self) -> str:
-        """What it loses: the same words and numbers wherever it is mentioned."""
+        """Mean and largest loss, in the words of every output that mentions the form."""
         return f"loses {self.lost_mean_mm:.4f} mm on average, {self.lost_max_mm:.4f} mm at most"
 
 
 def form_of(stated: Mapping[str, JsonValue] | None, where: str) -> ReducedForm | None:
-    """Form that a provenance or a record states; None for a whole set.
+    """Return the form that a provenance or a record states; None for a whole set.
 
-    Raises `ConfigInvalid` naming `where` for one that cannot be read.
+    Raise `ConfigInvalid` naming `where` if the form cannot be read.
     """
     form = (stated or {}).get(FORM)
     if form is None:

@@ -1,4 +1,16 @@
-"""Robot files: one robot's parameter set with its limits, read from and written to YAML."""
+"""Robot files: one robot's parameter set with its limits, read from and written to YAML.
+
+A file names a mechanism, and the mechanism decides which keys the geometry and the limits have
+(`schema.py`). From a checked file comes a `RobotFile`: the mechanism with the plate and drives of
+this robot, the parameters by name (mm, deg, ppm as in the file), the limits in mm and rad. It
+travels with its `RobotDocument`, the text it was read from.
+
+An identified set is written by putting its numbers into a copy of the nominal robot's document, so
+people's comments and the form of unchanged numbers stay, and a comparison of the two files shows
+the calibration alone. The copy also holds 1 σ, where the numbers come from, and the SHA-256 of its
+geometry. Reading refuses a file whose numbers no longer match it, for σ and origin would then stand
+beside numbers that no identification has given.
+"""
 
 import math
 from collections.abc import Collection, Iterable, Mapping
@@ -35,13 +47,13 @@ FOR_SOME_CONTROLLERS = (
     "pkmkins does; for any other, and for errors of gears and encoders: export --format plain, or "
     "`pkmcal correct`"
 )
-"""Remark where such a set is found and where it is written."""
+"""Remark on a set with tilts and skews, for the user who writes it to a file."""
 INNER_OF = {"mm": 1.0, "deg": math.pi / 180.0, "ppm": 1e-6}
-"""Factors from units of tolerances to those of the fit."""
+"""Factors from the units of tolerances in the file to mm, rad and ratios."""
 EXPANSION, EXPANSIONS = "_expansion_ppm", "expansion_ppm_per_degC"
 REFERENCE = "reference_temperature_degC"
 LONGEST_IN_METRES = 5.0
-"""Lengths up to this many m are those of robots; up to this many mm of none."""
+"""No robot is longer than this in m, and none is this short in mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +71,11 @@ class RobotFile:
     workspace_centre_mm: Vector3 | None = None
     tolerance: Tolerance = field(default_factory=Tolerance)
     tolerances: Mapping[str, float] = field(default_factory=dict)
-    """1 σ of parts about nominal by group and unit (`rods_deg`), in mm, rad or ratios."""
+    """1 σ of parts about their nominal values by group and unit (`rods_deg`): mm, rad or ratios."""
     expansions: Mapping[str, float] = field(default_factory=dict)
-    """By the names of `parameters.thermal`, ppm/°C, where the file says."""
+    """Expansions by the names of `parameters.thermal`, ppm/°C; empty if the file states none."""
     reference_degC: float | None = None
-    """Temperature of parts for which parameters are stated, where the file says."""
+    """Temperature of the parts for which the parameters are stated, °C; None if not stated."""
 
     def __repr__(self) -> str:
         kind = "identified" if self.provenance else "nominal"
@@ -73,7 +85,7 @@ class RobotFile:
     def of(
         cls, mechanism: ClosedChain, values: Mapping[str, float], *, name: str, limits: Limits
     ) -> Self:
-        """Robot from values by name, the optional 0 if not named; raises `ConfigInvalid`."""
+        """Make a robot of values by name, optional ones 0 if not named; raise `ConfigInvalid`."""
         checked = checked_parameters(mechanism, values, name)
         return cls(name, mechanism.with_ripples(checked.rate), checked, limits)
 
@@ -84,7 +96,7 @@ class RobotFile:
 
     @property
     def is_extended(self) -> bool:
-        """Whether a parameter beyond those that every controller knows is not 0."""
+        """Whether a parameter beyond those that every controller has is not 0."""
         return bool(self.parameters.extended_by)
 
     def require_known(self, lacking: Collection[str], remedy: str) -> None:
@@ -100,28 +112,30 @@ class RobotFile:
 
     @property
     def workspace_centre(self) -> Array:
-        """Pose well inside the workspace, (t,), mm and rad: the file's, or where it reaches most.
+        """Pose well inside the workspace, (t,), mm and rad: the file's, or the middle of its reach.
 
-        Raises `ConfigInvalid` for a robot that reaches nothing.
+        Raise `ConfigInvalid` for a robot that reaches nothing.
         """
         centre = np.zeros(len(self.mechanism.task))
         centre[:3] = self.workspace_centre_mm or middle_of_reach_mm(self.kinematics, self.limits)
         return centre
 
     def digest(self) -> str:
-        """SHA-256 of the geometry: equal exactly when all its doubles are."""
+        """Return the SHA-256 of the geometry: equal exactly when all its doubles are."""
         return self.parameters.digest()
 
 
 @dataclass(frozen=True, slots=True)
 class RobotDocument:
-    """A robot with the document it stands in, comments and all."""
+    """A robot with the document from which it was read, comments included."""
 
     robot: RobotFile
     document: yaml_file.YamlDocument
 
     def files_in(self, folder: Path, name: str) -> dict[Path, str]:
-        """Return the texts of a copy of it in a folder, with the Python file of its mechanism."""
+        """Return the files of a copy of this robot in a folder: their paths and texts."""
+        # A mechanism `my.py:OWN` is code beside the robot file. The code is copied too, and the
+        # copy names it without a folder, so that the campaign can move to another computer.
         file, colon, mechanism = str(self.document.tree["mechanism"]).rpartition(":")
         if not colon:
             return {folder / name: self.document.text}
@@ -132,22 +146,23 @@ class RobotDocument:
 
 
 def read_robot(path: Path) -> RobotDocument:
-    """Read and check a robot file; raises `ConfigInvalid`."""
+    """Read and check a robot file; raise `ConfigInvalid`."""
     remedy = "give a robot file, or the name of a shipped robot"
-    return _robot_of(yaml_file.read_document(path, if_missing=remedy))
+    return _parse_document(yaml_file.read_document(path, if_missing=remedy))
 
 
 def find_robot(name_or_path: str) -> RobotDocument:
-    """Read a shipped robot by its name, or a file; raises `ConfigInvalid`.
+    """Read a shipped robot by its name, or a file; raise `ConfigInvalid`.
 
-    A mechanism of one's own, `my.py:OWN`, has typical values: those of a shipped robot.
+    For a mechanism in a Python file, `my.py:OWN`, return typical values: those of a shipped robot.
     """
+    # the shipped names come first: a file of such a name can still be given as ./NAME
     shipped = shipped_robots()
     if name_or_path in shipped:
         text = shipped[name_or_path].read_text(encoding="utf-8")
         return parse_robot(text, f"{name_or_path}.yaml")
     if name_or_path.rpartition(":")[0].endswith(PYTHON):
-        return _typical_of(name_or_path)
+        return _find_typical(name_or_path)
     if is_there(Path(name_or_path)):
         return read_robot(Path(name_or_path))
     nearest = nearest_word(name_or_path, shipped)
@@ -158,20 +173,20 @@ def find_robot(name_or_path: str) -> RobotDocument:
 
 
 def parse_robot(text: str, name: str) -> RobotDocument:
-    """Check the text of a robot file; raises `ConfigInvalid`."""
-    return _robot_of(yaml_file.parse_document(text, name))
+    """Check the text of a robot file; raise `ConfigInvalid`."""
+    return _parse_document(yaml_file.parse_document(text, name))
 
 
 def shipped_of(mechanism: ClosedChain) -> RobotDocument:
     """Return the first shipped robot of a mechanism."""
     robots = map(find_robot, shipped_robots())
-    return next(each for each in robots if each.robot.mechanism.name == mechanism.name)
+    return next(robot for robot in robots if robot.robot.mechanism.name == mechanism.name)
 
 
-def _typical_of(word: str) -> RobotDocument:
-    """Return the first shipped robot that has a mechanism's parameters, as one of that mechanism.
+def _find_typical(word: str) -> RobotDocument:
+    """Return the first shipped robot with the parameters of a mechanism, as a robot of it.
 
-    `word` names the mechanism as `my.py:OWN`. Raise `ConfigInvalid` where no robot has them.
+    `word` names the mechanism as `my.py:OWN`. Raise `ConfigInvalid` if no robot has its parameters.
     """
     contents_model(word, Path())  # refuses a word that gives no mechanism
     mechanism = find_mechanism(word)
@@ -196,9 +211,9 @@ def compensated(
     expansions: Mapping[str, float] | None = None,
     reference_degC: float | None = None,
 ) -> RobotDocument:
-    """Put other parameters, with their 1 σ, into a copy of the nominal's document.
+    """Put other parameters, with their 1 σ, into a copy of the nominal robot's document.
 
-    Its comments stay. Raises `ConfigInvalid` when the set would not make a robot file.
+    Raise `ConfigInvalid` when the set would not make a robot file.
     """
     checked = checked_parameters(nominal.robot.mechanism, parameters, name)
     std = parameters.std if isinstance(parameters, Parameters) else None
@@ -206,39 +221,38 @@ def compensated(
     _set_values(tree["geometry"], checked)
     tree["name"] = name
     for key in (EXPANSIONS, REFERENCE):
-        tree.pop(key, None)  # the nominal's are of other lengths
+        tree.pop(key, None)  # those of the nominal file belong to its own lengths
     if expansions:
         tree[EXPANSIONS] = {key.removesuffix(EXPANSION): ppm for key, ppm in expansions.items()}
         if reference_degC is not None:
             tree[REFERENCE] = reference_degC
-    if (
-        rate := checked.table.rate.name
-    ) in checked and checked.rate != nominal.robot.mechanism.rate:
+    rate = checked.table.rate.name
+    if rate in checked and checked.rate != nominal.robot.mechanism.rate:
         tree[rate] = checked.rate
     tree["uncertainty"] = std or {}
     tree["provenance"] = dict(provenance or {})
     tree["sha256"] = checked.digest()
+    # Reading the text back checks the new set as any file of a user. It is read as if it lay beside
+    # the nominal file, from where a mechanism `my.py:OWN` is found.
     where = str(Path(nominal.document.name).parent / name)
     return parse_robot(yaml_file.yaml_text(tree), where)
 
 
 def with_ripples_per_turn(robot: RobotDocument, ripples_per_turn: float) -> RobotDocument:
-    """Return the same robot with its gears' rate in the document."""
+    """Return a robot with its gears' rate in the document."""
     tree = robot.document.editable_tree()
     tree["ripples_per_turn"] = ripples_per_turn
     return parse_robot(yaml_file.yaml_text(tree), robot.document.name)
 
 
 def write_new_robot(path: Path, robot: RobotDocument) -> None:
-    """Write a robot file that must not exist yet; raises `OutputExists` or `WriteFailed`."""
+    """Write a robot file that must not exist yet; raise `OutputExists` or `WriteFailed`."""
     write_new_text(path, robot.document.text)
 
 
 def _set_values(geometry: CommentedMap, parameters: Parameters) -> None:
-    """Replace what differs; what stays equal keeps the form in which it was written.
-
-    What is optional and becomes 0 leaves the file.
-    """
+    """Replace the values that differ, and delete optional values that become 0."""
+    # an equal value keeps the form in which it was written, such as 350 or 350.00
     for parameter in map(parameters.table.__getitem__, parameters.table.of_robot):
         holder = geometry if parameter.arm is None else geometry["arms"][parameter.arm]
         value = parameters.get(parameter.name, 0.0)
@@ -256,10 +270,10 @@ def checked_parameters(
     name: str,
     std: Mapping[str, float] | None = None,
 ) -> Parameters:
-    """Parameters of values by name, the optional ones 0 if not given, and 1 σ of some.
+    """Make parameters of values by name, the optional ones 0 if not given, and of 1 σ by name.
 
-    The rate of ripples is the mechanism's unless the values have one. `name` says whose they are.
-    Raises `ConfigInvalid` for what is unknown, missing or not finite.
+    The rate of ripples is the mechanism's unless the values have one. `name` is the robot's, for
+    errors. Raise `ConfigInvalid` for a value that is unknown, missing or not finite.
     """
     space = mechanism.parameters
     values = {space.rate.name: mechanism.rate, **values}
@@ -268,7 +282,8 @@ def checked_parameters(
             f"{name}: {unknown} is not a parameter of a robot",
             remedy=suggestion(unknown, space.of_robot),
         )
-    for parameter in (*space.names, *(each for each in space.optional if each in values)):
+    optional = [parameter for parameter in space.optional if parameter in values]
+    for parameter in (*space.names, *optional):
         if not math.isfinite(values.get(parameter, math.nan)):
             raise ConfigInvalid(
                 f"{name}: {parameter} is {values.get(parameter, 'missing')}",
@@ -278,10 +293,8 @@ def checked_parameters(
 
 
 def require_millimetres(parameters: Parameters, where: str) -> None:
-    """Raise `ConfigInvalid` for a robot whose lengths look like metres: all are a few mm at most.
-
-    No laser tracker's reflector would fit on so small a robot.
-    """
+    """Raise `ConfigInvalid` if the longest length is a few mm, and so probably written in m."""
+    # no real robot is refused: a laser tracker's reflector would not fit on one of a few mm
     table = parameters.table
     lengths = [name for name in table.of_robot if table[name].field.quantity == "length"]
     longest = max(lengths, key=parameters.__getitem__)
@@ -299,8 +312,13 @@ def shipped_robots() -> dict[str, Traversable]:
     return {f.name.removesuffix(".yaml"): f for f in sorted(files, key=lambda file: file.name)}
 
 
-def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
-    """Check a document; raises `ConfigInvalid`, also when its sha256 is not its geometry's."""
+# 1. The word of the mechanism gives the model of the keys; the model checks each key by itself.
+# 2. `reflector_half` names the part of the platform that is measured: another mechanism.
+# 3. The values of arms and platform become one table by name (`arm0.x_mm`, `plate_mm`).
+# 4. What only the values together show is checked: units, and drives whose errors are too steep.
+# 5. A stated sha256 must be that of the geometry.
+def _parse_document(document: yaml_file.YamlDocument) -> RobotDocument:
+    """Check a document and return its robot; raise `ConfigInvalid`."""
     folder = Path(document.name).parent
     model = contents_model(document.tree.get("mechanism"), folder)
     contents = yaml_file.checked(document, SCHEMA, model)
@@ -324,7 +342,7 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
     require_millimetres(parameters, f"{document.place_of('geometry')}")
     robot = RobotFile(
         contents.name,
-        _drawn(mechanism, parameters, contents),
+        _add_plate_and_drives(mechanism, parameters, contents),
         parameters,
         _limits(mechanism, contents.limits),
         contents.provenance,
@@ -343,10 +361,12 @@ def _robot_of(document: yaml_file.YamlDocument) -> RobotDocument:
     return RobotDocument(robot, document)
 
 
-def _drawn(mechanism: ClosedChain, parameters: Parameters, contents: RobotContents) -> ClosedChain:
-    """Add the file's plate and drives; raises `ConfigInvalid` for ripples without a rate.
+def _add_plate_and_drives(
+    mechanism: ClosedChain, parameters: Parameters, contents: RobotContents
+) -> ClosedChain:
+    """Return the mechanism with the file's plate and drives.
 
-    A ripple needs its period, and no error of a joint may turn its motion round.
+    Raise `ConfigInvalid` for ripples without a rate, and for errors of a joint that are too steep.
     """
     typical = mechanism.geometry(parameters.vector).plate
     plate = replace(
@@ -354,7 +374,8 @@ def _drawn(mechanism: ClosedChain, parameters: Parameters, contents: RobotConten
         joints_mm=contents.plate_joints_mm or typical.joints_mm,
         reflector_mm=contents.reflector_mm or typical.reflector_mm,
     )
-    drawn = mechanism.with_plate(plate).with_ripples(parameters.rate)
+    complete = mechanism.with_plate(plate).with_ripples(parameters.rate)
+    # a ripple's amplitude means nothing without its period
     ripples = [
         name for name in parameters.extended_by if parameters.table[name].field.group == "ripple"
     ]
@@ -364,16 +385,18 @@ def _drawn(mechanism: ClosedChain, parameters: Parameters, contents: RobotConten
             "say how often it comes",
             remedy="give ripples_per_turn, or drive_period_mm of robots on rails",
         )
-    if (steepest := drawn.steepest_error(parameters.vector)) > STEEPEST_ERROR:
+    # joint angles become encoder readings in rounds, which converge only below this steepness
+    if (steepest := complete.steepest_error(parameters.vector)) > STEEPEST_ERROR:
         raise ConfigInvalid(
             f"{contents.name}: the errors of a joint change by {steepest:.2g} of its motion, "
             f"limit {STEEPEST_ERROR:g}",
             remedy="correct the encoder gains, eccentricities and ripples, which are small",
         )
-    return drawn
+    return complete
 
 
 def _limits(mechanism: ClosedChain, limits: yaml_file.FileModel) -> Limits:
+    """Return the limits of a file in mm and rad."""
     values = limits.model_dump()
     joint = mechanism.joints[0]
 
@@ -387,10 +410,10 @@ def _limits(mechanism: ClosedChain, limits: yaml_file.FileModel) -> Limits:
 
 
 def pose_row(pose: Pose) -> Array:
-    """Task coordinates, (t,), mm and rad."""
+    """Return the task coordinates of a pose, (t,), mm and rad."""
     return np.array(pose.coordinates, dtype=np.float64)
 
 
 def pose_of(row: Iterable[float]) -> Pose:
-    """Pose of task coordinates (t,)."""
+    """Return the pose of task coordinates (t,), mm and rad."""
     return Pose(*map(float, row))

@@ -1,6 +1,10 @@
-"""Schema of robot files (`pkmcal/robot/1`): what one may hold, each key with its limits.
+"""Schema of robot files (`pkmcal/robot/1`): the keys that a file may hold, each with its limits.
 
-Which keys geometry and limits have follows from the mechanism.
+All robot files share the keys of `RobotContents`. The keys of `geometry` and `limits` follow from
+the mechanism: its parameter space lists the fields of an arm and of the platform, its axes the
+units of joints and turns. So one pydantic model for each mechanism is made at run time, and a new
+mechanism needs no schema of its own. Errors can then name the missing key of the third arm, and
+the tables of keys in the documentation are written from these models too.
 """
 
 import json
@@ -30,7 +34,8 @@ from campaigns.kinematics.parameters import OPTIONAL, Parameter, ParameterField
 SCHEMA = "pkmcal/robot/1"
 
 
-def _finite(provenance: dict[str, JsonValue]) -> dict[str, JsonValue]:
+# `JsonValue` lets NaN and infinity pass, although JSON has no words for them.
+def _check_finite(provenance: dict[str, JsonValue]) -> dict[str, JsonValue]:
     try:
         json.dumps(provenance, allow_nan=False)
     except ValueError as error:
@@ -60,7 +65,7 @@ COUNTS = ("no", "one", "two", "three", "four", "five", "six")
 
 
 class Tolerance(FileModel):
-    """Largest believable change of a parameter from its nominal value."""
+    """Largest change of a parameter from its nominal value that is accepted."""
 
     length_mm: float = Field(
         default=10.0,
@@ -75,12 +80,12 @@ class Tolerance(FileModel):
     )
 
     def of(self, parameter: Parameter) -> float:
-        """Limit for a parameter, in its file unit."""
+        """Return the limit for a parameter, in the parameter's unit in the file."""
         limits = {"deg": self.angle_deg, "mm": self.length_mm, "ppm": self.ratio_ppm}
         return limits[parameter.unit]
 
 
-def _tolerances(values: dict[str, float]) -> dict[str, float]:
+def _check_tolerances(values: dict[str, float]) -> dict[str, float]:
     """Check that tolerances are positive, and of a group of error sources in its unit."""
     for key, value in values.items():
         if key not in TOLERANCES:
@@ -91,6 +96,8 @@ def _tolerances(values: dict[str, float]) -> dict[str, float]:
     return values
 
 
+# The groups of the robot's error sources, each in every unit that its parameters can have. Those of
+# the tracker have their limits in campaign.yaml: they belong to the cell and not to the robot.
 TOLERANCES = tuple(
     f"{group}_{unit}"
     for group in SOURCES
@@ -101,7 +108,7 @@ TOLERANCES = tuple(
 
 
 class RobotContents(FileModel):
-    """Robot file of any mechanism; that of a certain one says what geometry and limits hold."""
+    """Keys of every robot file; the model of a mechanism adds those of geometry and limits."""
 
     page = "docs/reference/files.md#robotyaml"
 
@@ -153,7 +160,7 @@ class RobotContents(FileModel):
         default=Tolerance(),
         description="how far a parameter may be from its nominal value; may be left out",
     )
-    tolerances: Annotated[dict[str, float], AfterValidator(_tolerances)] = Field(
+    tolerances: Annotated[dict[str, float], AfterValidator(_check_tolerances)] = Field(
         default_factory=dict,
         description="1 σ of how far parts usually are from nominal, by group of error sources; "
         "may be left out",
@@ -162,7 +169,7 @@ class RobotContents(FileModel):
         default=None,
         description="one standard deviation for each identified parameter, in its unit",
     )
-    provenance: Annotated[dict[str, JsonValue], AfterValidator(_finite)] | None = Field(
+    provenance: Annotated[dict[str, JsonValue], AfterValidator(_check_finite)] | None = Field(
         default=None, description="keys and values that say where the parameters come from"
     )
     sha256: str | None = Field(
@@ -173,9 +180,9 @@ class RobotContents(FileModel):
 
 
 def contents_model(word: object, folder: Path) -> type[RobotContents]:
-    """Model of the files of a mechanism by its word, or one that refuses an unknown word.
+    """Return the model of the files of a mechanism, named by its word.
 
-    Raises `ConfigInvalid` where a file or package gives no mechanism by that word.
+    Raise `ConfigInvalid` where a file or package gives no mechanism by this word.
     """
     try:
         mechanism = find_mechanism(word, folder)
@@ -186,6 +193,8 @@ def contents_model(word: object, folder: Path) -> type[RobotContents]:
         ) from error
     if mechanism is not None:
         return _model_of(mechanism, str(word))
+    # Any other word is unknown. A model that accepts only the shipped words refuses it with the
+    # line of the key, as any wrong value; without a mechanism the geometry is not judged.
     return create_model(
         "RobotContents",
         __base__=RobotContents,
@@ -195,13 +204,15 @@ def contents_model(word: object, folder: Path) -> type[RobotContents]:
     )
 
 
+# Making a model takes longer than checking a file with it, and a command reads several files.
 @cache
 def _model_of(mechanism: ClosedChain, word: str) -> type[RobotContents]:
     space = mechanism.parameters
-    arm = _made("ArmContents", **_definitions(space.arm_fields(), space.arm_fields(*OPTIONAL)))
+    of_arm = _definitions(space.arm_fields(), space.arm_fields(*OPTIONAL))
+    arm = _make_model("ArmContents", **of_arm)
     count, keys = COUNTS[space.arms], len(space.arm_fields())
     arms = Field(description=f"{count} arms, each with its {keys} keys")
-    geometry = _made(
+    geometry = _make_model(
         "GeometryContents",
         arms=(tuple[(arm,) * space.arms], arms),  # type: ignore[misc]
         **_definitions(space.platform_fields(), space.platform_fields(*OPTIONAL)),
@@ -214,7 +225,7 @@ def _model_of(mechanism: ClosedChain, word: str) -> type[RobotContents]:
         points | None,
         Field(default=None, description=f"{count} places, {JOINTS_ON_PLATE}"),
     )
-    deviations = Annotated[Deviations, AfterValidator(partial(_named, names=space.of_robot))]
+    deviations = Annotated[Deviations, AfterValidator(partial(_check_names, names=space.of_robot))]
     return create_model(
         "RobotContents",
         __base__=RobotContents,
@@ -241,7 +252,7 @@ def _limits_model(mechanism: ClosedChain) -> type[FileModel]:
     swing = Field(
         gt=0.0, le=90.0, description="the largest angle of a forearm out of its arm's plane, deg"
     )
-    return _made(
+    return _make_model(
         "LimitsContents",
         **{f"joint_{joint.unit}": _range_of(joint, f"the lowest and the highest {value}")},
         **turns,
@@ -249,9 +260,9 @@ def _limits_model(mechanism: ClosedChain) -> type[FileModel]:
     )
 
 
-def _range_of(axis: Axis, what: str) -> Definition:
+def _range_of(axis: Axis, limits_in_words: str) -> Definition:
     kind = TurnRange if axis.is_revolute else PlaceRange
-    return kind, Field(description=f"{what}, {axis.unit}")
+    return kind, Field(description=f"{limits_in_words}, {axis.unit}")
 
 
 def _definitions(
@@ -265,14 +276,14 @@ def _definitions(
     }
 
 
-def _made(name: str, **definitions: Definition) -> type[FileModel]:
+def _make_model(name: str, **definitions: Definition) -> type[FileModel]:
     # Any again: the overloads of `create_model` take no table of definitions
-    made: type[FileModel] = create_model(name, __base__=FileModel, **definitions)  # type: ignore[call-overload]
-    return made
+    model: type[FileModel] = create_model(name, __base__=FileModel, **definitions)  # type: ignore[call-overload]
+    return model
 
 
-def _named(uncertainty: Deviations, names: tuple[str, ...]) -> Deviations:
-    """Check that deviations are of parameters of these names."""
+def _check_names(uncertainty: Deviations, names: tuple[str, ...]) -> Deviations:
+    """Check that all deviations belong to parameters of these names."""
     for name in uncertainty:
         if name not in names:
             hint = suggestion(name, names)

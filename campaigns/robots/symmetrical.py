@@ -1,8 +1,12 @@
-"""Robot files of symmetrical robots, made from the sizes that people know, and explained.
+"""Robot files of symmetrical robots, made from the sizes that people have measured, and explained.
 
-These are the radii of base and platform, and lengths of parts. Only the difference of the radii
-counts for a platform that keeps its direction, so a mechanism's parameters have the platform
-contracted into the arms' places: P_i less b_i.
+Data sheets and rulers give the radii of base and platform and the lengths of parts. Only the
+difference of the radii counts for a platform that keeps its direction, so a mechanism's parameters
+have the platform contracted into the arms' places: P_i less b_i (see
+docs/explanation/model.md). The file states this above its numbers, for a reader who looks for the
+radius of the base will not find it there. The text is written line by line, not dumped from a
+tree: each arm stands on one line, and comments stand where they are needed. It is then read like
+any robot file, so that wrong sizes are refused before a file exists.
 """
 
 import math
@@ -38,22 +42,22 @@ class Sizes:
     base_mm: float
     """Radius on which motors or rails stand."""
     platform_mm: float
-    """Radius of the forearms' lower ends, or half of the way between the two of a part."""
+    """Radius of the forearms' lower ends; of two parts, half the way between the two on a part."""
     lengths_mm: Mapping[str, float]
     """Of arms and platform, by field: `arm_mm`, `forearm_mm` …"""
     first_deg: float | None = None
-    """Direction of the first arm about z, if not the usual one."""
+    """Direction of the first arm about z; None: the usual one of its kind of platform."""
 
 
 def symmetrical_robot(
     mechanism: ClosedChain, name: str, sizes: Sizes, joint: Interval | None = None
 ) -> RobotDocument:
-    """Robot of those sizes; limits are those of the shipped one but for `joint`, rad or mm.
+    """Make a robot of these sizes, with the limits of the shipped robot but for `joint`, rad or mm.
 
-    Raises `ConfigInvalid` for a length that is missing or too much, and for sizes that do not fit.
+    Raise `ConfigInvalid` for a length that is missing or unknown, and for sizes that do not fit.
     """
     _check_lengths(mechanism, sizes.lengths_mm)
-    flat = _symmetrical(mechanism, sizes)
+    flat = _parameters_of(mechanism, sizes)
     require_millimetres(Parameters.of(mechanism.parameters, flat), f"{name}.yaml")
     like = shipped_of(mechanism).robot
     limits = like.limits if joint is None else replace(like.limits, joint=joint)
@@ -82,7 +86,7 @@ def _check_lengths(mechanism: ClosedChain, lengths_mm: Mapping[str, float]) -> N
 
 
 def _heading(mechanism: ClosedChain, name: str, sizes: Sizes) -> list[str]:
-    """Comment that explains the file."""
+    """Return the lines of the comment that explains the file."""
     lengths = ", ".join(
         f"{field.removesuffix('_mm')} {value:g} mm" for field, value in sizes.lengths_mm.items()
     )
@@ -90,11 +94,11 @@ def _heading(mechanism: ClosedChain, name: str, sizes: Sizes) -> list[str]:
     joints = "the radius of its joints"
     if mechanism.parameters.platform_fields():
         joints = "half of the way between the two joints of each of its parts"
-    made = (
+    origin = (
         f"{name}, made by `pkmcal robot` from its sizes: base {sizes.base_mm:g} mm (the radius of "
         f"{stand}), platform {sizes.platform_mm:g} mm ({joints}), {lengths}."
     )
-    return [*_comment(made), "#", *_comment(CONTRACTED), "#", *_comment(TYPICAL_LIMITS)]
+    return [*_comment(origin), "#", *_comment(CONTRACTED), "#", *_comment(TYPICAL_LIMITS)]
 
 
 def _comment(text: str) -> list[str]:
@@ -104,6 +108,7 @@ def _comment(text: str) -> list[str]:
 def _body(
     mechanism: ClosedChain, name: str, flat: Mapping[str, float], limits: Limits
 ) -> list[str]:
+    """Return the lines of keys and values, without the workspace's centre."""
     space, joint = mechanism.parameters, mechanism.joints[0]
     arms = [
         ", ".join(
@@ -132,8 +137,10 @@ def _body(
     ]
 
 
-def _symmetrical(mechanism: ClosedChain, sizes: Sizes) -> dict[str, float]:
-    """Parameters by name, mm and deg; raises `KeyError` for a length that is missing."""
+def _parameters_of(mechanism: ClosedChain, sizes: Sizes) -> dict[str, float]:
+    """Return the parameters by name, mm and deg; raise `KeyError` for a missing length."""
+    # Arms stand evenly around z. The first arm of a Delta points along x; the arms of a platform
+    # with a length of its own begin at 225°, as those of the shipped Par4 do.
     space = mechanism.parameters
     usual = 225.0 if space.platform_fields() else 0.0
     first = usual if sizes.first_deg is None else sizes.first_deg
@@ -143,6 +150,7 @@ def _symmetrical(mechanism: ClosedChain, sizes: Sizes) -> dict[str, float]:
         x_mm, y_mm = _contracted_mm(
             math.radians(direction_deg), sizes, bool(space.platform_fields())
         )
+        # a rail stands upright (elevation 90°), so its azimuth makes no difference
         on_rail = mechanism.joints[arm].unit == "mm"
         values = {
             "x_mm": x_mm,
@@ -151,13 +159,17 @@ def _symmetrical(mechanism: ClosedChain, sizes: Sizes) -> dict[str, float]:
             "elevation_deg": 90.0,
         } | dict(sizes.lengths_mm)
         for field in space.arm_fields():
-            at = values[field.name] if field.quantity == "length" else values.get(field.name, 0.0)
-            flat[f"arm{arm}.{field.name}"] = at
-    return flat | {each.name: sizes.lengths_mm[each.name] for each in space.platform_fields()}
+            is_needed = field.quantity == "length"
+            value = values[field.name] if is_needed else values.get(field.name, 0.0)
+            flat[f"arm{arm}.{field.name}"] = value
+    lengths = {field.name: sizes.lengths_mm[field.name] for field in space.platform_fields()}
+    return flat | lengths
 
 
 def _contracted_mm(direction_rad: float, sizes: Sizes, of_two_parts: bool) -> tuple[float, float]:  # noqa: FBT001
-    """X and y of an arm's place less those of its plate joint, seen from its part's middle."""
+    """Return x and y of an arm's place less those of its plate joint, mm."""
+    # The joints of a platform of two parts lie on lines along x, one at each end of a part, and
+    # count from the part's middle: the way between the parts is the platform's own length.
     x, y = math.cos(direction_rad), math.sin(direction_rad)
     aside = math.copysign(sizes.platform_mm, x) if of_two_parts else sizes.platform_mm * x
     ahead = 0.0 if of_two_parts else sizes.platform_mm * y
