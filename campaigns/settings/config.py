@@ -1,4 +1,15 @@
-"""campaign.yaml (`pkmcal/campaign/1`): what a campaign works with and by which rules."""
+"""campaign.yaml (`pkmcal/campaign/1`): what a campaign works with and by which rules.
+
+A campaign's folder holds this file, the nominal robot, and later the journal. The file is written
+once, by `pkmcal new`, with every key and its description, and afterwards belongs to its users, who
+edit it by hand. Each command reads it again, so a changed limit counts from the next command on.
+
+The keys are the fields of pydantic models: `CampaignConfig` here, its sections in `sections.py`
+and `space.py`. A field's limits refuse a wrong number, its description is both the comment in the
+new file and the remedy in the error. Rules between several fields are validators that raise
+`broken_rule`. Lengths are in mm, angles in deg, times in s; where the code needs rad, a section has
+a property for it.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -20,7 +31,7 @@ from drivers.texts import nearest_word
 SCHEMA = "pkmcal/campaign/1"
 FILE_NAME = "campaign.yaml"
 MOST_NAMED = 5
-"""Campaigns that an error names."""
+"""Largest number of campaigns that an error names."""
 
 
 class CampaignConfig(yaml_file.FileModel):
@@ -100,19 +111,21 @@ class CampaignConfig(yaml_file.FileModel):
 
     @field_validator("known_lengths")
     @classmethod
-    def _ends_are_nests(
+    def _check_ends(
         cls, lengths: tuple[sections.KnownLengthConfig, ...], fields: ValidationInfo
     ) -> tuple[sections.KnownLengthConfig, ...]:
+        # `nests` stands before `known_lengths` in the model, so its value is checked by now; it is
+        # missing from `data` if it was wrong
         names = [nest.name for nest in fields.data.get("nests", ())]
         for bar in lengths:
             if bar.nests and (len(set(bar.nests)) < 2 or not set(bar.nests) <= set(names)):
-                ends = f"has {bar.name} between {list(bar.nests)}"
-                raise yaml_file.broken_rule(f"{ends}, must be two of the nests {names}")
+                problem = f"has {bar.name} between {list(bar.nests)}"
+                raise yaml_file.broken_rule(f"{problem}, must be two of the nests {names}")
         return lengths
 
 
 def read_campaign(directory: Path) -> CampaignConfig:
-    """Read a campaign's settings; raises `ConfigInvalid`."""
+    """Read a campaign's settings; raise `ConfigInvalid`."""
     path = directory / FILE_NAME
     if not is_file(path):
         remedy = _campaigns_nearby(directory)
@@ -125,10 +138,12 @@ def read_campaign(directory: Path) -> CampaignConfig:
 
 def _campaigns_nearby(directory: Path) -> str:
     """Return which folder was probably meant: one within, the one around, or one beside it."""
+    # The likeliest mistake comes first: a command given in the folder above all campaigns, in a
+    # folder inside a campaign, or with a name that is misspelt.
     name = directory.absolute().name
     within = _campaigns_in(directory)
     if within:
-        return f"name a campaign; here are {_listed(within)}"
+        return f"name a campaign; here are {_list_names(within)}"
     if is_file(directory.parent / FILE_NAME) and directory.parent != directory:
         return f"{directory.absolute().parent} is a campaign: name that folder"
     beside = _campaigns_in(directory.absolute().parent)
@@ -136,7 +151,7 @@ def _campaigns_nearby(directory: Path) -> str:
     if nearest:
         return f"did you mean {directory.parent / nearest}?"
     if beside:
-        return f"name a campaign; beside it are {_listed(beside)}"
+        return f"name a campaign; beside it are {_list_names(beside)}"
     return "name a campaign's folder, or make one with `pkmcal new DIR`"
 
 
@@ -148,16 +163,17 @@ def _campaigns_in(folder: Path) -> list[Path]:
         return []
 
 
-def _listed(folders: Sequence[Path]) -> str:
+def _list_names(folders: Sequence[Path]) -> str:
     names = ", ".join(shown(folder.name) for folder in folders[:MOST_NAMED])
     return names + (f" and {len(folders) - MOST_NAMED} more" if len(folders) > MOST_NAMED else "")
 
 
 def new_config(settings: Mapping[str, object]) -> CampaignConfig:
-    """Make settings of a new campaign from its keys; raises `ConfigInvalid`.
+    """Make settings of a new campaign from its keys; raise `ConfigInvalid`.
 
-    Needs at least `name`, `controller.url`, `tracker.url` and `tracker.reflector`.
+    Required are `name`, `controller.url`, `tracker.url` and `tracker.reflector`.
     """
+    # through JSON, because strict models accept a list for a tuple only from there
     try:
         return CampaignConfig.model_validate_json(json.dumps(settings))
     except ValidationError as error:
@@ -165,10 +181,10 @@ def new_config(settings: Mapping[str, object]) -> CampaignConfig:
 
 
 def write_new_campaign(directory: Path, config: CampaignConfig, robot: RobotDocument) -> None:
-    """Make a campaign's folder with its robot and settings; raises `OutputExists`, `WriteFailed`.
-
-    The settings come last: what broke off before them is no campaign, and can be begun again.
-    """
+    """Make a campaign's folder with its robot and settings; raise `OutputExists`, `WriteFailed`."""
+    # campaign.yaml makes a folder a campaign, so it is written last. If the command breaks off
+    # before, the folder is not yet a campaign, and the command can be given again: a robot file
+    # with this very text is taken as its own, any other one is somebody's and stays.
     path = directory / FILE_NAME
     refuse_existing(path)
     make_folder(directory)

@@ -1,4 +1,11 @@
-"""Options of a step of the work: a field each, whose annotation says how a command offers it."""
+"""Options of a step of the work: one field for each, whose annotation holds its words and limits.
+
+A step such as planning has a dataclass of options. A field is annotated with its type and an
+`Option`: help text, limits, how its text is read. From this one place come the options of the
+command line (`app/options.py`), the checks of the Python API (`options_of`), and the words that an
+identification keeps in its record to say how it was asked for (`typed_words`). So a command and the
+API accept and refuse equal values, with equal remedies.
+"""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields
@@ -23,17 +30,17 @@ class Option:
 
     help: str
     metavar: str | None = None
-    """Stands for the value; None: as its type is called."""
+    """Placeholder of the value in the help; None: the name of the type."""
     least: float | None = None
     most: float | None = None
     read: Callable[[str], object] | None = None
-    """Makes the value of what is typed; raises `OptionsInvalid`."""
+    """Converts a typed word to the value; raises `OptionsInvalid`."""
     typed: str | None = None
-    """What stands for the default where the value is read."""
+    """Default as it is typed, for an option with `read`."""
     name: str = ""
-    """Name, if not the field's."""
+    """Name on the command line; empty: the field's name with dashes."""
     default: str | None = None
-    """What is said of the default where None stands for it."""
+    """Words for the default in the help, where the default is None."""
     words: Callable[[], Iterable[str]] | None = None
     """Words that the shell completes by Tab."""
 
@@ -41,9 +48,10 @@ class Option:
 def options_of(kind: type[Options], words: Mapping[str, object]) -> Options:
     """Make options from values, or from words as on the command line, by their fields' names.
 
-    Raises `OptionsInvalid` for an unknown name, naming the known ones, and for an unknown value.
+    Raise `OptionsInvalid` for an unknown name, listing the accepted ones, and for a wrong value.
     """
-    hints, names = get_type_hints(kind, include_extras=True), [each.name for each in fields(kind)]
+    hints = get_type_hints(kind, include_extras=True)
+    names = [field.name for field in fields(kind)]
     for name in words:
         if name not in names:
             remedy = suggestion(name, names)
@@ -52,20 +60,21 @@ def options_of(kind: type[Options], words: Mapping[str, object]) -> Options:
 
 
 def _value_of(name: str, hint: Any, value: object) -> object:
-    """Return an option's value for a word or a value; what is no `Option` stays as it is."""
+    """Return an option's value for a word or a value; fields without an `Option` stay unchecked."""
     option = getattr(hint, "__metadata__", (None,))[-1]
     if not isinstance(option, Option):
         return value
     if isinstance(value, str) and option.read is not None:
         return option.read(value)
     typed = get_args(hint)[0]
+    # a single name stands for a tuple of one, not for the tuple of its letters
     if isinstance(value, str) and get_origin(typed) is tuple:
         value = (value,)
     return checked(typed, value, name)
 
 
 def checked(kind: type[Value], value: object, name: str) -> Value:
-    """Return the value of this type for a word or a value; raises `OptionsInvalid`."""
+    """Return the value of this type for a word or a value; raise `OptionsInvalid`."""
     try:
         return TypeAdapter(kind).validate_python(value)
     except ValidationError as error:
@@ -78,6 +87,8 @@ def remedy_for(error: Mapping[str, Any]) -> str:
 
     Any: values of the error's context are of various types.
     """
+    # pydantic lists the choices of a Literal or enumeration in `expected`, click at the end of its
+    # message; both as "'a', 'b' or 'c'"
     kind, context = str(error["type"]), error.get("ctx", {})
     choices = str(context.get("expected") or error["msg"].partition(" is not one of ")[2])
     if choices:
@@ -95,7 +106,7 @@ def remedy_for(error: Mapping[str, Any]) -> str:
 
 
 def typed_words(options: "DataclassInstance") -> list[str]:
-    """Words of options that are not as they are by default, as typed."""
+    """Return the words of all options that differ from their defaults, as a user types them."""
     hints, words = get_type_hints(type(options), include_extras=True), list[str]()
     for field in fields(options):
         option, value = getattr(hints[field.name], "__metadata__", (None,))[-1], None
@@ -103,13 +114,14 @@ def typed_words(options: "DataclassInstance") -> list[str]:
             value = getattr(options, field.name)
         if isinstance(option, Option) and value != field.default and value is not None:
             name = option.name or f"--{field.name.replace('_', '-')}"
+            # a tuple is an option given several times, unless a text such as 10-20 is read as one
             values = value if isinstance(value, tuple) and option.read is None else (value,)
-            words += [name] if value is True else [w for v in values for w in (name, _typed(v))]
+            words += [name] if value is True else [w for v in values for w in (name, _type(v))]
     return words
 
 
-def _typed(value: object) -> str:
-    """Write a value as it is typed; a range by its ends."""
+def _type(value: object) -> str:
+    """Return a value as a user types it; a range of shots or pairs as first and last."""
     if isinstance(value, tuple):
         return "-".join("" if end is None else str(end) for end in value)
     return str(value.value if isinstance(value, Enum) else value)

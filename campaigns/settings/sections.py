@@ -1,4 +1,10 @@
-"""Sections of campaign.yaml but `space`: devices, plan, settling, gate, run, tests, people."""
+"""Sections of campaign.yaml but `space`: devices, plan, settling, gate, run, tests, people.
+
+Defaults of the plan and of the tests are the paper's where it states a number (Corbel 2006: 120
+shots in 60 pairs, 28 approaches, lines of 800, 800 and 500 mm), and ISO 9283's for its cube (30
+cycles of five poses). Defaults of the tracker are limits of a common instrument. The upper limits
+of fields are no advice: they catch a wrong unit or a slip of the finger.
+"""
 
 import math
 from collections.abc import Collection, Sequence
@@ -12,10 +18,11 @@ from drivers import catalog
 from drivers.catalog import CONTROLLERS, TRACKERS, ControllerName, TrackerName
 
 OFFLINE = "offline"
-"""In place of an address: nothing is connected, programs go out and files come in."""
+"""Word in place of an address: nothing is connected, programs are exported and files imported."""
 SIMULATED = "sim://"
 """Beginning of the address of a device of a simulated cell."""
 BY_HAND = catalog.BY_HAND
+# a user name or a path in an address is refused, because no driver would use it
 URL_PATTERN = (
     r"^(tcp://[^\s@/?#]+:\d{1,5}|serial://\S+|"
     rf"{SIMULATED}[\w-]+|{catalog.FILE}.+|{OFFLINE}|{BY_HAND})$"
@@ -26,14 +33,14 @@ URL_FORMS = (
 )
 
 
-def _not_zero(direction: tuple[float, float, float]) -> tuple[float, float, float]:
+def _check_direction(direction: tuple[float, float, float]) -> tuple[float, float, float]:
     if any(direction):
         return direction
     raise broken_rule("is [0, 0, 0], which is no direction")
 
 
 Url = Annotated[str, Field(pattern=URL_PATTERN)]
-Direction = Annotated[Point, AfterValidator(_not_zero)]
+Direction = Annotated[Point, AfterValidator(_check_direction)]
 Seconds = Annotated[float, Field(ge=0.0, le=600.0)]
 Distance = Annotated[float, Field(gt=0.0, le=10_000.0)]
 SmallAngle = Annotated[float, Field(gt=0.0, le=5.0)]
@@ -42,6 +49,8 @@ LimitUm = Annotated[float, Field(gt=0.0, le=100_000.0)]
 LimitPerMetre = Annotated[float, Field(ge=0.0, le=10_000.0)]
 
 
+# Two drivers have no wire, and each has its own form of address: `by-hand`, and `file:NAME` of a
+# watched file. Driver and address must belong together; all other drivers take all other forms.
 def _require_address(driver: str, url: str) -> None:
     owner, address = catalog.driver_of_address(url), catalog.ADDRESSES.get(driver)
     if owner != (driver if address else None):
@@ -72,6 +81,9 @@ class ControllerConfig(FileModel):
 class TrackerLimitsConfig(FileModel):
     """The largest errors that the tracker's data sheet allows: a constant and a part per metre."""
 
+    # The distance meter measures along the beam, the angle encoders across it: so the limit grows
+    # fast with distance across the beam and slowly along it. `fit/tracker_noise.py` makes standard
+    # deviations of these limits (MPE).
     along_um: LimitUm = Field(default=10.0, description="the limit along the beam, µm")
     along_um_per_m: LimitPerMetre = Field(
         default=0.3, description="the increase of this limit per metre of distance, µm"
@@ -85,6 +97,9 @@ class TrackerLimitsConfig(FileModel):
 class TrackerCommonConfig(FileModel):
     """Largest errors that all shots have in common: tolerances of the fit."""
 
+    # Averaging over shots does not reduce these errors. The fit estimates each of them, with its
+    # limit as prior knowledge; so they enter the stated uncertainty, and parameters of the robot
+    # need not absorb them.
     scale_ppm: LimitPerMetre = Field(
         default=17.0, description="the scale error of every length, of tracker and air, ppm"
     )
@@ -116,14 +131,14 @@ class NestConfig(FileModel):
     )
 
 
-def _told_apart(nests: tuple[NestConfig, ...]) -> tuple[NestConfig, ...]:
+def _check_distinct_names(nests: tuple[NestConfig, ...]) -> tuple[NestConfig, ...]:
     names = [nest.name for nest in nests]
     if len(set(names)) == len(names):
         return nests
     raise broken_rule(f"has two nests of one name, of {names}")
 
 
-Nests = Annotated[tuple[NestConfig, ...], AfterValidator(_told_apart)]
+Nests = Annotated[tuple[NestConfig, ...], AfterValidator(_check_distinct_names)]
 
 
 class KnownLengthConfig(FileModel):
@@ -142,10 +157,12 @@ class KnownLengthConfig(FileModel):
     )
 
 
+# A length that names the pair or its two nests takes it. A length that names neither takes all
+# other pairs, but only if it is the only such length: else the pair could be of either.
 def bar_of(
     lengths: Sequence[KnownLengthConfig], pair: int, nests: Collection[str] = ()
 ) -> int | None:
-    """Place of the known length that a pair measures: by its nests or number, else one for all."""
+    """Return the index of the known length that a pair measures, or None."""
     for place, length in enumerate(lengths):
         if pair in length.pairs or (length.nests and set(length.nests) == set(nests)):
             return place
@@ -261,6 +278,9 @@ class PlanConfig(FileModel):
 class SettleConfig(FileModel):
     """Conditions by which the robot counts as standing still in place."""
 
+    # Two conditions, for a robot can also stand still elsewhere: joints that move less than
+    # `still_deg` during `time_s`, at angles within `in_place_deg` of the command. The fit takes the
+    # measured angles, so `in_place_deg` may be much wider than the accuracy that is aimed at.
     time_s: Seconds = Field(
         default=0.2, description="the time for which the joints must be still, s"
     )
@@ -286,7 +306,7 @@ class SettleConfig(FileModel):
 
     @field_validator("timeout_s")
     @classmethod
-    def _longer_than_settling(cls, timeout_s: float, fields: ValidationInfo) -> float:
+    def _check_timeout(cls, timeout_s: float, fields: ValidationInfo) -> float:
         time_s = fields.data.get("time_s", 0.0)
         if timeout_s > time_s:
             return timeout_s
@@ -296,6 +316,9 @@ class SettleConfig(FileModel):
 class GateConfig(FileModel):
     """Limits that a shot must keep to count."""
 
+    # The gate keeps out shots of a wrong target, it does not judge the robot. So its limits are far
+    # above what a calibration corrects: wide while only nominal parameters predict the point,
+    # narrower once a fit of the shots so far does.
     distance_mm: Distance = Field(
         default=60.0,
         description="the largest distance from the point that nominal parameters predict, mm",
@@ -324,6 +347,7 @@ class GateConfig(FileModel):
 class RunConfig(FileModel):
     """What a run does by itself when something goes wrong."""
 
+    # with `retry` 0 a run ends at a lost link or a drive's fault, and a person decides
     retry: int = Field(
         default=0,
         ge=0,
@@ -375,6 +399,8 @@ class ValidationConfig(FileModel):
 class AcceptanceConfig(FileModel):
     """The largest errors at which the robot counts as good; None is not specified."""
 
+    # No limit has a default: what is good enough depends on the robot's task, and a report without
+    # limits states its figures and gives no verdict of pass.
     distance_mean_mm: Acceptable = Field(
         default=None, description="the limit of the mean error of distances, mm"
     )
@@ -399,7 +425,7 @@ class AcceptanceConfig(FileModel):
 
     @property
     def distances_mm(self) -> dict[str, float]:
-        """Limits of distances that are asked for: mean and max."""
+        """Specified limits of distances by name: mean and max."""
         limits = {"mean": self.distance_mean_mm, "max": self.distance_max_mm}
         return {name: limit for name, limit in limits.items() if limit is not None}
 

@@ -1,4 +1,11 @@
-"""Section `space` of campaign.yaml: where the plate may be, and where it may not."""
+"""Section `space` of campaign.yaml: where the plate may be, and where it may not.
+
+There are three kinds of limits, all in the base frame: heights and a radius for the measured point,
+zones that the plate must not enter, and zones that it must not leave. A zone is a box or an upright
+cylinder: enough for conveyors, pillars and fences, and convex, which makes clearances on a path
+simple. Plate and tool count as an upright cylinder about the measured point, so the plate's turn
+does not matter. Poses and paths are checked in `campaigns/design/restricted_space.py`.
+"""
 
 from typing import Annotated, Self
 
@@ -8,13 +15,13 @@ from campaigns.files.yaml_file import FileModel, Length, Place, broken_rule
 from campaigns.files.yaml_file import PlaceRange as Side
 
 MOST_ZONES = 100
-"""Zones of a kind: more would be a drawing, not a rule."""
+"""Largest number of zones of a kind: more would be a drawing, not a rule."""
 
 Margin = Annotated[float, Field(ge=0.0, le=10_000.0)]
 
 
 class BoxConfig(FileModel):
-    """Box along the base frame's axes; a side that is left out has no ends."""
+    """Box along the base frame's axes; a side that is left out is unlimited."""
 
     name: str = Field(default="", description="what stands there, for messages")
     x_mm: Side | None = Field(default=None, description="lowest and highest x, mm; empty: all")
@@ -22,7 +29,7 @@ class BoxConfig(FileModel):
     z_mm: Side | None = Field(default=None, description="lowest and highest z, mm; empty: all")
 
     @model_validator(mode="after")
-    def _has_a_side(self) -> Self:
+    def _require_a_side(self) -> Self:
         if self.x_mm or self.y_mm or self.z_mm:
             return self
         raise broken_rule("has none of x_mm, y_mm and z_mm, so it would be everywhere")
@@ -78,7 +85,8 @@ class SpaceConfig(FileModel):
     )
 
     @model_validator(mode="after")
-    def _has_a_height(self) -> Self:
+    def _require_height(self) -> Self:
+        # the margin is kept from both heights, so it narrows what is between them twice
         low, high = self.z_lowest_mm, self.z_highest_mm
         if low is None or high is None or high - low > 2.0 * self.margin_mm:
             return self
