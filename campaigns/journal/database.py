@@ -1,10 +1,10 @@
 """Journal as an SQLite file: its tables and rules, opened, read, written, and errors explained.
 
-One table holds all records, one row a record, and only grows. The rules of the campaign are written
-into the file itself, as CHECKs, unique indexes and triggers: what this program may not do, another
-program that opens the file (a viewer, a script, an older version) cannot do by accident either.
-They refuse to change, remove or replace a record, to use a number twice, to end an attempt that was
-never begun or has ended, and to write into a series that has not begun.
+One table holds all records, one row a record, and only grows. The rules are in the file itself, as
+CHECKs, unique indexes and triggers, so that another program (a viewer, a script, an older version)
+cannot break them by accident. They refuse to change, remove or replace a record, to use a number
+twice, to end an attempt that was never begun or has ended, and to write into a series that has not
+begun.
 
 Every write goes into SQLite's write-ahead log (WAL) and, with `synchronous = FULL`, is on the disk
 when the commit returns: a kill or a power cut leaves all records up to the last one that was
@@ -105,11 +105,6 @@ CREATE TABLE record (
 
 # The unique indexes alone would not do: INSERT OR REPLACE removes the older row to make room, and
 # fires no DELETE trigger. So a BEFORE INSERT trigger refuses a taken number first.
-#
-# Each rule answers one accident. Never changed, removed, replaced: an editor, a clean-up script.
-# Comes last: two programs that number records at a time. Begins and finishes once, of a series that
-# began: shots that would count for another plan. A new number, its intent, ends once: an attempt
-# whose outcome could be taken for another's after a crash.
 _RULES = (
     "CREATE UNIQUE INDEX one_series ON record (series) WHERE kind = 'series-started'",
     "CREATE UNIQUE INDEX one_finish ON record (series) WHERE kind = 'series-finished'",
@@ -317,8 +312,7 @@ def prepare_to_write(connection: sqlite3.Connection, path: Path, *, waits_for_di
         connection.execute(f"PRAGMA synchronous = {'FULL' if waits_for_disk else 'NORMAL'}")
         connection.execute("PRAGMA fullfsync = ON")  # macOS: fsync alone stops at the drive's cache
         if version_of(connection) < CHAINED_SINCE:
-            # The version rises in the same transaction as the tables: a kill leaves one or the
-            # other.
+            # In one transaction: a kill leaves a whole file of one version or the other.
             with transaction(connection, "WRITE"):
                 for statement in (_DIGESTS, *_CHAIN, f"PRAGMA user_version = {VERSION}"):
                     connection.execute(statement)

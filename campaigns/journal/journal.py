@@ -1,22 +1,16 @@
 """Journal of a campaign: its records, series, accepted shots and digest.
 
-The journal is the only place where a campaign keeps what happened; results, reports and resuming
-are computed from it. Theory of operation:
+Results, reports and resuming are computed from the journal. Opening it verifies every record
+(`verification.py`) and keeps all in memory; a reader adds what other processes write later.
 
-Opening reads and verifies every record (`verification.py`) and keeps all of them in memory. A
-reader that is asked later adds the records that other processes have written since.
-
-Writing is `Journal.append`, one commit a record, durable on return. The caller acts only
-afterwards: an intent is on the disk before the robot moves, an outcome before the next motion. A
-crash at any moment therefore loses at most the attempt that was going on, and the intent shows
-which one that was.
+`Journal.append` is one commit, durable on return, and the caller acts only afterwards. A crash
+therefore loses at most the attempt that was going on, and its intent shows which one that was.
+After a failed write no further record is written: a journal with a gap would look complete.
 
 SQLite goes on writing through its open file even if that file was deleted or replaced, and its
-records would vanish with it. So the files are compared before and after each record, the run ends
-with `prove`, which reads everything again through a new connection, and the records in memory are
+records would vanish with it. So the files are compared before and after each record, and the run
+ends with `prove`, which reads everything again through a new connection. The records in memory are
 what a lost or damaged file is rescued from: into a copy beside the journal, never over it.
-
-After a failed write no further record is written: a journal with a gap would look complete.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -240,8 +234,7 @@ class Journal(JournalReader):
             if self._in_commit:
                 self._insert(record, series)
             else:
-                # Before: a file that was deleted or replaced since the last record must not be
-                # given another one, and the caller must not move the robot on its strength.
+                # Before: a file that was deleted or replaced must not be given another record.
                 self._require_same_files()
                 self._insert(record, series)
                 # After: the file may have gone while the record was written, and this notes how
@@ -287,8 +280,7 @@ class Journal(JournalReader):
         self.close()
         try:
             self._open(database.connect_to_write(self._path))
-            # The chain verifies, so that an equal last digest means equal records from the first
-            # on.
+            # The chain verifies: equal last digests mean that all records are equal.
             if last_digest(self._stored) != last_digest(written):
                 raise JournalDamaged(
                     f"{self._path}: ends with record {len(self._stored)}, and {len(written)} were "
@@ -317,13 +309,10 @@ class Journal(JournalReader):
             kept = _keep_in_copy(self._path, self._stored)
             raise JournalFailed(changed.problem, remedy=kept or changed.remedy) from changed
 
-    # 1. The record as text, read back at once: a file that only grows cannot be corrected later.
-    # 2. Its number and digest by the copy in memory, not by the file: if another program has added
-    #    a record, the number is taken there, and the triggers refuse ours.
-    # 3. The row: outside `in_one_commit` SQLite commits it, and where the journal waits for its
-    #    disk also syncs it, before `insert` returns.
-    # 4. The copy in memory last, so that it never holds a record that the file lacks.
     def _insert(self, record: kinds.Record, series: int | None) -> None:
+        # Number and digest follow the copy in memory, not the file: if another program has added a
+        # record, the number is taken there, and the triggers refuse ours. The copy grows last, so
+        # that it never holds a record that the file lacks.
         shot, attempt = (getattr(record, name, None) for name in ("shot", "attempt"))
         kind = kinds.KIND_OF_TYPE[type(record)]
         label = kind if shot is None else f"{kind} of shot {shot}, attempt {attempt}"

@@ -40,12 +40,12 @@ def require_same(before: FileStates, now: FileStates, is_whole: Callable[[], boo
                 remedy="start again with the folder's new name: all records are in it",
             )
         if later is None:
-            raise _changed(path, "was deleted or moved away")
+            raise _change_error(path, "was deleted or moved away")
         # Device and inode are the file itself, whatever its name.
         if (later.st_dev, later.st_ino) != (earlier.st_dev, earlier.st_ino):
-            raise _changed(path, "was replaced by another file")
+            raise _change_error(path, "was replaced by another file")
         if later.st_size < earlier.st_size and not is_whole():
-            raise _changed(path, f"was cut from {earlier.st_size} to {later.st_size} bytes")
+            raise _change_error(path, f"was cut from {earlier.st_size} to {later.st_size} bytes")
 
 
 def _state(path: Path) -> os.stat_result | None:
@@ -54,7 +54,7 @@ def _state(path: Path) -> os.stat_result | None:
     return None
 
 
-def _changed(path: Path, how: str) -> JournalFailed:
+def _change_error(path: Path, how: str) -> JournalFailed:
     return JournalFailed(
         f"{path}: {how} while this process worked with it",
         remedy=f"find out which program did it; {FROM_BACKUP}",

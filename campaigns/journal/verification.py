@@ -1,9 +1,8 @@
 """Verification of a journal: SQLite's pages and indexes, and the chain of its records.
 
-Two checks, for two kinds of damage. SQLite's own integrity check finds pages and indexes that a bad
-disk or a cut file has broken, but takes any well-formed row. The chain finds rows that are well
-formed and not what was written: the digest of a record is the SHA-256 of the record and of the
-digest before it, so that the last digest stands for all records, and a changed, renumbered or
+SQLite's own integrity check finds pages and indexes that a bad disk or a cut file has broken, but
+takes any well-formed row. The chain finds rows that are not what was written: the digest of a
+record is the SHA-256 of the record and of the digest before it, so that a changed, renumbered or
 missing record shows. Records that are missing at the end would leave a shorter chain that is sound
 in itself: therefore the file states number and digest of its last record in a table of its own.
 
@@ -77,10 +76,9 @@ def verify_chain(
     `stated_number` and `stated_digest` are those of the last record with a digest, as the file
     states them beside the records; 0 and "" for a file without digests.
     """
-    # 1. Each record follows the one before by number and digest; the first that does not ends the
-    #    chain, for no digest after it can be trusted.
-    # 2. The chain ends where the file states its end. It ends earlier if records are missing, later
-    #    (or with another digest) if a program added or changed a record behind the triggers' back.
+    # The first record that does not follow the one before ends the chain, for no digest after it
+    # can be trusted. The end is compared with the stated one: earlier if records are missing, later
+    # (or with another digest) if a program added or changed a record without the triggers.
     records: list[StoredRecord] = []
     sealed = 0  # number of the last record with a digest: it covers all before it
     for record in stored:

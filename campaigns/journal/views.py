@@ -87,10 +87,10 @@ def all_series(entries: Iterable[Entry[records.Record]]) -> tuple[Series, ...]:
     for entry in entries:
         if entry.series is not None:
             of_series.setdefault(entry.series, []).append(entry)
-    return tuple(_series(number, of_one) for number, of_one in of_series.items())
+    return tuple(_make_series(number, of_one) for number, of_one in of_series.items())
 
 
-def _series(number: int, entries: Sequence[Entry[records.Record]]) -> Series:
+def _make_series(number: int, entries: Sequence[Entry[records.Record]]) -> Series:
     """Put a series together from its records, of which the first is its start."""
     # One pass in the order of time, so that a later record overrides an earlier one: an outcome
     # replaces the shot's outcome before, a voiding removes it, and the outcome after that counts

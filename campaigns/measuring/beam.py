@@ -2,15 +2,17 @@
 
 The danger is not a broken beam, which costs time, but a search that succeeds at the wrong
 reflector. Therefore a search begins only where the robot's reflector can be: in the direction of
-the beam, and where the reflector of this very pose should be. It never begins at another pose's
-point while the robot is elsewhere: a reflector that is found there cannot be the robot's, or the
-robot does not move although its encoders turn (a slipping coupling). Both end the run.
+the beam, and where the reflector of this very pose should be. While the beam stays broken, the
+tracker also looks at the point that was measured last, at another pose. It never goes on with a
+reflector found there: the robot does not move although its encoders turn (a slipping coupling), and
+the run ends.
 """
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from math import dist, hypot, inf
+from dataclasses import dataclass
+from math import dist, hypot
 
 from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
 from campaigns.journal.records import BeamStart, Event, EventKind, Outcome
@@ -40,6 +42,17 @@ It is looked for as often, over a whole session, at each place where a session b
 """
 
 
+@dataclass(frozen=True, slots=True)
+class Anchor:
+    """Pose at which the reflector was seen, and to which the robot can go back."""
+
+    name: str
+    """Words that complete `back to`."""
+    joints: tuple[float, ...]
+    point_mm: Vector3
+    """Where the reflector was seen there, or a point in the direction of the beam."""
+
+
 class Beam:
     """Finds the reflector again, at the pose where the robot stands or at one seen before."""
 
@@ -66,45 +79,35 @@ class Beam:
         the encoders moved, and after the cell's `beam_wait_s`; raise the robot's faults and
         `Interrupted`.
         """
-        # In each round:
-        # 1. Search.
-        # 2. Look at stop, faults and the wish to skip; give up after `beam_wait_s`.
-        # 3. After `look_back_s` a person in the beam is not the likeliest cause any more. Is the
-        #    reflector still at its last point, though the encoders have moved since? Then the robot
-        #    does not follow its encoders, and going on would be dangerous. Was it never seen at
-        #    this pose? Then the pose may be hidden, and the caller looks at another one.
-        since_s = self._clock.now_s()
-        here, expected_mm = self._tracker.direction(), self._gate.expected_point_mm(joints)
-        advice, stayed = self._advise(expected_mm), self._point_that_stays(expected_mm)
-        alarms = iter(REPEATED_AFTER_S if expected_mm else (0.0, *REPEATED_AFTER_S))
-        next_alarm_s = next(alarms)
-        while (failure := self._failure_to_find(expected_mm, here)) is not None:
+        # After `look_back_s` a person in the beam is not the likeliest cause any more: the robot
+        # may not follow its encoders, or its reflector may be hidden at this pose.
+        began_s = self._clock.now_s()
+        direction, expected_mm = self._tracker.direction(), self._gate.expected_point_mm(joints)
+        suspect = self._shot_to_revisit(expected_mm)
+        advice = self._advise(expected_mm)
+        reminders_s = deque(REPEATED_AFTER_S if expected_mm else (0.0, *REPEATED_AFTER_S))
+        while (failure := self._failure_to_find(expected_mm, direction)) is not None:
             self._mover.check_stop()
             self._mover.require_sound()
             if self._session.wishes.take(Wish.SKIP):
                 self._run_state.see_beam(locked=False)
                 return Skipped()
-            lasted_s = self._clock.now_s() - since_s
-            if lasted_s >= self._session.cell.beam_wait_s:
-                raise GateRefused(
-                    f"the beam has been broken for {lasted_s:.0f} s and nobody is there to place "
-                    f"it: {failure}, or the robot does not move",
-                    remedy=LOOK_AT_THE_DRIVES,
-                )
-            self._run_state.see_beam(locked=False, lost_s=lasted_s, advice=advice)
-            if lasted_s >= self._session.work.look_back_s:
-                if stayed is not None:
-                    self._require_moved(*stayed)
+            lost_s = self._clock.now_s() - began_s
+            self._limit_wait(lost_s, failure)
+            self._run_state.see_beam(locked=False, lost_s=lost_s, advice=advice)
+            if lost_s >= self._session.work.look_back_s:
+                if suspect is not None and expected_mm is not None:
+                    self._require_moved_since(suspect, expected_mm)
                 if not seen_here and self._gate.accepted:
                     return Loss.UNSEEN
-            if lasted_s >= next_alarm_s:
-                next_alarm_s = next(alarms, inf)
-                text = f"the beam has been broken for {lasted_s:.0f} s and is waited for: {failure}"
+            if reminders_s and lost_s >= reminders_s[0]:
+                reminders_s.popleft()
+                text = f"the beam has been broken for {lost_s:.0f} s and is waited for: {failure}"
                 self._announce("beam broken", f"{text}; {advice}")
             self._mover.pause(1.0)
         self._run_state.see_beam(locked=True)
-        lasted_s = self._clock.now_s() - since_s
-        self._announce("resumed", f"the tracker has its reflector again, after {lasted_s:.0f} s")
+        lost_s = self._clock.now_s() - began_s
+        self._announce("resumed", f"the tracker has its reflector again, after {lost_s:.0f} s")
         return Loss.BEAM
 
     def is_at(self, expected_mm: Vector3 | None) -> bool:
@@ -140,7 +143,7 @@ class Beam:
         operator had put the beam onto the robot's reflector. A beginning whose beam pointed at
         `standing_mm`, a reflector that stands elsewhere, is passed over.
         """
-        return any(self._lock_at(*anchor) for anchor in self._anchors(standing_mm))
+        return any(self._lock_at(anchor) for anchor in self._anchors(standing_mm))
 
     def require_robot_moves(self) -> None:
         """Raise `GateRefused` if the latest measurements have one point at several poses."""
@@ -161,37 +164,48 @@ class Beam:
                 poses.append(shot)
         return tuple(poses)
 
-    def _point_that_stays(self, expected_mm: Vector3 | None) -> tuple[Vector3, str] | None:
-        """Return the latest point, at which the reflector may have stayed, and the problem if so.
+    def _limit_wait(self, lost_s: float, failure: str) -> None:
+        """Raise `GateRefused` once the beam has been broken for the cell's `beam_wait_s`."""
+        if lost_s >= self._session.cell.beam_wait_s:
+            raise GateRefused(
+                f"the beam has been broken for {lost_s:.0f} s and nobody is there to place "
+                f"it: {failure}, or the robot does not move",
+                remedy=LOOK_AT_THE_DRIVES,
+            )
 
-        None if that point cannot accuse the robot.
+    def _shot_to_revisit(self, expected_mm: Vector3 | None) -> Outcome | None:
+        """Return the latest shot if a reflector that is still at its point accuses the robot.
+
+        `expected_mm`: point at which the robot's reflector should be now.
         """
-        # It can if it was the robot's (measured where the robot was expected then) and if the
-        # reflector should be far from it now. Limits are those of distances: this ends a run.
+        # It does if the shot was the robot's (measured where the robot was expected then), and the
+        # robot's reflector should be far from there now. The limits are the wide ones of distances,
+        # because an accusation ends the run.
         if not self._measured or expected_mm is None:
             return None
         latest, far_mm = self._measured[-1], self._session.work.gate.distance_mm
+        expected_then_mm = self._gate.expected_point_mm(latest.joints)
         point_mm = latest.point_in_tracker_mm
-        then_mm = self._gate.expected_point_mm(latest.joints)
-        apart_mm = dist(expected_mm, point_mm)
-        if apart_mm <= far_mm or then_mm is None or dist(then_mm, point_mm) > far_mm:
+        if expected_then_mm is None or dist(expected_then_mm, point_mm) > far_mm:
             return None
-        return point_mm, (
-            f"the reflector is where it was in shot {latest.shot}, although by the encoders it has "
-            f"moved by {apart_mm:.0f} mm since: {NOT_MOVING}"
-        )
+        return latest if dist(expected_mm, point_mm) > far_mm else None
 
-    def _require_moved(self, point_mm: Vector3, problem: str) -> None:
-        """Raise `GateRefused` if the reflector has stayed at a point."""
-        # Only an exact hit proves it: the tracker searches around the point, and may find the
-        # robot's reflector near it, too.
+    def _require_moved_since(self, suspect: Outcome, expected_mm: Vector3) -> None:
+        """Raise `GateRefused` if the reflector is still where a shot was."""
+        # Only the very same point proves it: the tracker searches around the point, and may find
+        # the robot's reflector near it.
+        point_mm = suspect.point_in_tracker_mm
         try:
             self._tracker.go_to(point_mm)
             again_mm = self._tracker.measure().point_in_tracker_mm
         except BeamBroken:
             return
         if dist(again_mm, point_mm) <= STANDING_MM:
-            raise GateRefused(problem, remedy=LOOK_AT_THE_DRIVES)
+            raise GateRefused(
+                f"the reflector is where it was in shot {suspect.shot}, although by the encoders "
+                f"it has moved by {dist(expected_mm, point_mm):.0f} mm since: {NOT_MOVING}",
+                remedy=LOOK_AT_THE_DRIVES,
+            )
 
     def _advise(self, expected_mm: Vector3 | None) -> str:
         """Return the advice to the operator, in words."""
@@ -202,48 +216,51 @@ class Beam:
         away_m, at = hypot(*expected_mm) / 1000.0, ", ".join(f"{v:.0f}" for v in expected_mm)
         return f"clear the way to ({at}) mm in the tracker's frame, {away_m:.2f} m away"
 
-    def _anchors(
-        self, standing_mm: Vector3 | None
-    ) -> Iterator[tuple[str, tuple[float, ...], Vector3]]:
-        """Yield name and joints of poses at which the reflector was seen, and its point there."""
-        for outcome in tuple(reversed(self._gate.accepted))[:MOST_ANCHORS]:
-            name = f"where shot {outcome.shot} was"
-            yield name, outcome.joints, outcome.point_in_tracker_mm
+    def _anchors(self, standing_mm: Vector3 | None) -> Iterator[Anchor]:
+        """Yield the poses at which the reflector was seen, the latest first."""
+        for shot in tuple(reversed(self._gate.accepted))[:MOST_ANCHORS]:
+            yield Anchor(f"where shot {shot.shot} was", shot.joints, shot.point_in_tracker_mm)
         # Each beginning is used up: the beam may have been on a wrong reflector even then, and the
         # search must come to an end.
         while self._starts:
             start = self._starts.popleft()
-            towards_mm = _point_along(start.direction, self._session.work.search_mm)
             if standing_mm is None or not _points_at(start.direction, standing_mm):
-                yield "where the run began", start.joints, towards_mm
+                towards_mm = _point_along(start.direction, self._session.work.search_mm)
+                yield Anchor("where the run began", start.joints, towards_mm)
 
-    def _lock_at(self, name: str, joints: tuple[float, ...], seen_mm: Vector3) -> bool:
-        """Go back to a pose; return whether the reflector is where it was seen there."""
-        # An anchor that cannot be reached is no fault: the next one is tried.
+    def _lock_at(self, anchor: Anchor) -> bool:
+        """Go back to a pose; return whether the reflector is where it was seen there.
+
+        False also if the robot cannot get there.
+        """
         try:
-            self._go_back(name, joints)
+            self._go_back(anchor.name, anchor.joints)
         except (TargetOutOfReach, LimitViolation, NotSettled):
             self._run_state.show_idle()
             return False
-        locked = self._failure_at(seen_mm) is None
+        locked = self._failure_at(anchor.point_mm) is None
         self._run_state.see_beam(locked=locked)
         self._run_state.show_idle()
         return locked
 
     def _go_back(self, name: str, joints: tuple[float, ...]) -> None:
+        """Go back to a pose; `name` says which one, in words."""
         self._announce("suspended", f"looking for the reflector {name}")
         self._mover.return_to(joints, f"back to {name}", self._run_state.enter)
         self._run_state.enter(EngineState.SUSPENDED)
 
-    def _failure_to_find(self, expected_mm: Vector3 | None, here: Vector3 | None) -> str | None:
-        """Look at the expected point of this pose, and in the direction of the beam.
+    def _failure_to_find(
+        self, expected_mm: Vector3 | None, direction: Vector3 | None
+    ) -> str | None:
+        """Look at the expected point of this pose, and in the direction of the broken beam.
 
         Return None if the reflector is found, else the tracker's problem.
         """
+        # The look at the expected point has turned the beam: it is turned back before the search.
         if self.is_at(expected_mm):
             return None
-        if here is not None and expected_mm is not None:
-            return self._failure_at(_point_along(here, self._session.work.search_mm))
+        if direction is not None and expected_mm is not None:
+            return self._failure_at(_point_along(direction, self._session.work.search_mm))
         return self._failure_to_search(self._session.work.search_mm)
 
     def _failure_at(self, point_mm: Vector3) -> str | None:

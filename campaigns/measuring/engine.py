@@ -1,23 +1,16 @@
 """The engine: one loop over groups of shots. When anything goes wrong the robot stops.
 
-A group is a pair or a single shot, and counts only as a whole. Each attempt at a group has a named
-result, which decides how the loop goes on:
-
-    Accepted          the next group
-    Skipped           the next group; the operator did not want this one
-    Refused           groups that took another reflector and this one again; else it is deferred
-    Lost              the group is deferred
-
-Deferred groups are tried once more at the end. After each group the operator's wishes are applied,
-and once the goal is met, groups that are not needed any more are left out.
+A group is a pair or a single shot, and counts only as a whole. If all attempts at a group fail it
+is deferred, and tried once more at the end. After each group the operator's wishes are applied, and
+once the goal is met, groups that are not needed any more are left out.
 
 A shot is refused because it contradicts the accepted ones, which does not show which of them is
 wrong: the beam may be on another reflector now, or may have been when the first shots were taken.
-So `_recover` measures instead of guessing. A pose that cannot be measured is set aside, for it may
+So the engine measures instead of guessing. A pose that cannot be measured is set aside, for it may
 be hidden from the tracker; several in a row are no accident of poses, and end the run.
 
 Whatever ends the run early, a fault, a wish or an error of this program, the robot is stopped
-first. Only then are records written and questions asked: neither may delay the stop or prevent it.
+first. Only then is the end of the session written, for writing may fail.
 """
 
 from collections import Counter
@@ -102,8 +95,7 @@ class Engine:
         """
         with self._stopping_robot():
             self._measure_queue(groups_left)
-            # The deferred groups last: by then the gate predicts better, the air may be still, and
-            # who stood in the beam may have gone.
+            # By now the gate predicts better, and a person in the beam may have gone.
             deferred, self._deferred = self._deferred, []
             self._measure_queue(deferred, is_last_try=True)
             self._fit_shots()
@@ -121,9 +113,6 @@ class Engine:
         Raise `GateRefused` if something has moved, unless the operator overrides the check. Stop
         the robot like `run`.
         """
-        # Between two sessions the stand may have been pushed, the robot bumped, an encoder changed.
-        # Shots before and after would then have no common frame, and the fit would put the
-        # difference into the parameters. Measuring some spread poses again shows it.
         with self._stopping_robot():
             if not (references := reference_poses(self._work.steps, self._gate.accepted)):
                 return
@@ -131,8 +120,8 @@ class Engine:
             if change and not self._work.override:
                 raise GateRefused(change, remedy=BEGIN_ANEW)
             if change:
-                # The operator goes on: what was measured before predicts nothing any more, so gate
-                # and drift check begin again as if these were the first shots.
+                # What was measured before predicts nothing any more: gate and drift check begin
+                # again as if no shot had been taken.
                 self._log.announce(Event("gone on anyway", f"gone on all the same: {change}"))
                 self._gate.reset([shot.shot for shot in self._gate.accepted])
                 self._first_drift_mm = None
@@ -186,22 +175,20 @@ class Engine:
             self._run_state.enter(EngineState.STOPPED)
 
     def _retry_stop(self) -> None:
+        """Stop the robot, and once more if Ctrl-C cuts the first stop off."""
         try:
             self._session.cell.robot.stop()
         except KeyboardInterrupt:
-            # An impatient operator presses Ctrl-C again while the stop is being confirmed. The stop
-            # is repeated, for nothing is known of the one that was cut off.
             self._session.cell.robot.stop()
 
     def _measure_queue(self, groups_left: Sequence[Group], *, is_last_try: bool = False) -> None:
         """Measure groups one after another; defer those that fail, or skip them at the last try."""
-        # `pending` is a queue that may grow at its head: groups whose shots turned out wrong come
-        # before all others, because the later ones are compared with them.
+        # Groups whose shots turned out wrong go to the head of the queue, because all later shots
+        # are compared with them.
         pending = self.leave_out_superfluous(groups_left)
         while pending:
             group, *others = pending
             pending = tuple(others)
-            # At the last try one attempt: the pose has had all its attempts before.
             attempts = 1 if is_last_try else self._work.gate.attempts
             match self._shots.retry(partial(self._measure_group, group), attempts):
                 case Accepted():
@@ -213,7 +200,13 @@ class Engine:
                 case Lost() as lost:
                     self._defer(group, lost)
                 case Refused() as refused:
-                    pending = (*self._recover(group, refused), *pending)
+                    wrong_groups = self._void_wrong_shots(refused.outcome)
+                    if wrong_groups is not None:
+                        pending = (*wrong_groups, group, *pending)
+                    elif self._regain_reflector(refused):
+                        pending = (group, *pending)
+                    else:
+                        self._defer(group, refused)
             pending = self.leave_out_superfluous(self._apply_wishes(pending))
 
     def _measure_group(self, group: Group) -> ShotResult:
@@ -230,14 +223,9 @@ class Engine:
 
     def _measure(self, step: Step) -> ShotResult:
         """Measure one shot; write it and let it count if it agrees with the accepted ones."""
-        # 1. `take` writes the intent, moves, measures and lets the gate judge.
-        # 2. A nest's shot is compared with the nest itself, and says nothing of the robot.
-        # 3. A drift shot is compared with the first one before it counts: beyond the limit it must
-        #    not enter the fit that judges the next shots.
-        # 4. The outcome is written, and only then does the gate use it: what predicts later shots
-        #    is on the disk.
-        # 5. What follows from the shot (uncertainty, settling, air, station) is computed last,
-        #    while nothing depends on it.
+        # A drift shot is compared with the first one before it counts: beyond the limit it must not
+        # enter the fit that judges the next shots. What only informs (uncertainty, settling, air,
+        # station) is computed after the outcome is on the disk.
         wall_clock, purpose = self._session.cell.wall_clock, step.planned.purpose
         started_s = wall_clock.now_s()
         result = self._shots.take(step)
@@ -265,9 +253,8 @@ class Engine:
 
         Raise `GateRefused` if the distance exceeds the limit.
         """
-        # The gate cannot see a slow drift: its limits are millimetres, and its fit takes in what
-        # the latest shots show. One pose measured again and again shows a motion of tracker, robot
-        # or base. The first drift shot of the series counts, also if another session measured it.
+        # The gate cannot see a slow drift: its limits are millimetres, and its fit follows the
+        # latest shots. The first drift shot of the series counts, also if another session took it.
         point_mm, limit_mm = outcome.point_in_tracker_mm, self._work.gate.drift_mm
         if self._first_drift_mm is None:
             self._first_drift_mm = point_mm
@@ -295,51 +282,56 @@ class Engine:
             return  # the robot's scatter has not been estimated yet
         settled, text = pose_settling(self._work.robot.kinematics, accepted, visits, self._noise)
         if self._settled_visits is None or settled[:1] != self._settled_visits[:1]:
-            # A robot that stood at rest from its first visit on is what everybody expects: the
-            # journal notes it, and the screen shows only the other cases.
+            # Only the journal notes a robot that has stayed from its first visit on: nothing is to
+            # be done.
             report = self._log.write if len(settled) == len(visits) else self._log.announce
             report(Event("settling", text, settled))
         self._settled_visits = settled
 
-    def _recover(self, group: Group, refused: Refused) -> tuple[Group, ...]:
-        """Find out which shots are wrong, or look for the robot's reflector.
+    def _void_wrong_shots(self, refused: Outcome) -> tuple[Group, ...] | None:
+        """Void accepted shots that turn out wrong because a right one was refused.
 
-        Return the groups to measure next: those of the wrong shots and the refused one; () if it
-        has been deferred. Raise `GateRefused` if the beam cannot be brought back onto the robot's
-        reflector.
+        Return those of their groups that the plan still has; None if no shot is wrong. Raise
+        `GateRefused` if the beam cannot be brought back onto the robot's reflector.
         """
-        # In the order of certainty, and of what it costs:
-        # 1. Accepted shots have the refused one's very point, although the robot was elsewhere: all
-        #    of them are of a reflector that stands still. No motion is needed to see that.
-        # 2. Without one of the first shots the refused one agrees with all others: that one is
-        #    measured again. It is voided only if the repetition lies elsewhere and agrees.
-        # 3. The tracker found no reflector where this pose's should be: go back to a pose where the
-        #    robot's was seen, lock on there, and measure this group again.
-        # 4. Nothing explains it: set it aside.
-        outcome = refused.outcome
-        if standing := self._gate.find_standing(outcome):
-            return (*self._void_standing(outcome, standing), group)
-        for suspect in self._gate.find_suspects(outcome)[:MOST_SUSPECTS]:
-            if (reason := self._measure_suspect(suspect, outcome)) is not None:
-                return (self._void_shot(suspect, reason), group)
-        if not refused.relocked and self._looked_back[outcome.shot] < self._work.gate.attempts - 1:
-            self._looked_back[outcome.shot] += 1
-            if self._beam.look_back():
-                return (group,)
-        self._defer(group, refused)
-        return ()
+        # The certain case first, which needs no motion: accepted shots have the refused one's very
+        # point, although the robot was elsewhere. All of them are of a reflector that stands still.
+        #
+        # Otherwise a shot without which the refused one agrees with all others is measured again.
+        # It is voided only if the repetition lies elsewhere and agrees.
+        if standing := self._gate.find_standing(refused):
+            return self._void_standing(refused, standing)
+        for suspect in self._gate.find_suspects(refused)[:MOST_SUSPECTS]:
+            if (reason := self._measure_suspect(suspect, refused)) is not None:
+                return (self._void_shot(suspect, reason),)
+        return None
+
+    def _regain_reflector(self, refused: Refused) -> bool:
+        """Bring robot and beam together at a pose before; return whether that has succeeded.
+
+        False also if a reflector was found where this pose's should be, or too many searches for
+        this shot have not helped.
+        """
+        shot = refused.outcome.shot
+        if refused.relocked or self._looked_back[shot] >= self._work.gate.attempts - 1:
+            return False
+        self._looked_back[shot] += 1
+        return self._beam.look_back()
 
     def _void_standing(self, refused: Outcome, standing: Sequence[Outcome]) -> tuple[Group, ...]:
         """Void shots of a reflector that stands elsewhere, and look for the robot's.
 
-        Return the groups of the voided shots. Raise `GateRefused` if the robot's is not found.
+        Return the groups of the voided shots that the plan still has. Raise `GateRefused` if the
+        robot's reflector is not found.
         """
         same_point = (*standing, refused)
         reason = f"{one_point_text(same_point)}: a reflector that stands elsewhere"
-        voided: dict[Group, None] = {}  # a set that keeps the order
+        voided: list[Group] = []
         for shot in standing:
-            if shot in self._gate.accepted:  # else it was voided with its partner
-                voided[self._void_shot(shot, reason)] = None
+            # A shot that counts no more was voided with its partner. A group is () if its row was
+            # removed from the plan.
+            if shot in self._gate.accepted and (group := self._void_shot(shot, reason)):
+                voided.append(group)
         if not self._beam.look_back(refused.point_in_tracker_mm):
             raise one_point_error(same_point)
         return tuple(voided)
@@ -347,8 +339,8 @@ class Engine:
     def _measure_suspect(self, suspect: Outcome, refused: Outcome) -> str | None:
         """Measure a suspect again, once; return why it is wrong, None if it is not."""
         step = next((s for s in self._work.steps if s.planned.shot == suspect.shot), None)
-        # Without a step its row was removed from the plan. Each suspect is measured again only once
-        # in a session: otherwise two shots that accuse each other would never end.
+        # There is no step if its row was removed from the plan. Once in a session, or two shots
+        # that accuse each other would be measured for ever.
         if step is None or suspect.shot in self._compared:
             return None
         self._compared.add(suspect.shot)
@@ -358,8 +350,8 @@ class Engine:
             return None
         repeat = result.outcome
         away_mm = dist(suspect.point_in_tracker_mm, repeat.point_in_tracker_mm)
-        # The repetition never counts itself: the suspect's whole group is measured again if it is
-        # voided, and both shots of a pair have to be of one time.
+        # The repetition itself never counts: both shots of a pair have to be of one time, so that
+        # the suspect's whole group is measured again if it is voided.
         self._shots.compare_only(
             repeat, f"only compared with the one before, {away_mm:.3f} mm away"
         )
@@ -370,8 +362,8 @@ class Engine:
     def _defer(self, group: Group, failure: Refused | Lost) -> None:
         """Leave a group for the end; raise the failure's error if too many groups fail."""
         self._deferred.append(group)
-        # A pose whose reflector is hidden from the tracker is a matter of the plan: it counts among
-        # the deferred ones, but is no sign that beam or robot are out of order.
+        # A pose whose reflector is hidden is a matter of the plan, and no sign that beam or robot
+        # are out of order.
         is_unseen = isinstance(failure, Lost) and failure.loss is Loss.UNSEEN
         self._failed_in_a_row += not is_unseen
         most = max(MOST_IN_A_ROW, MOST_DEFERRED * len(self._plan))
@@ -380,8 +372,8 @@ class Engine:
             how = f"set aside, to be tried once more at the end: {error.problem}"
             self._note_skipped(group, how)
             return
-        # The run ends with the most specific error: the controller's own words, or that the robot
-        # does not move (one point at several poses), or else that the attempts have failed.
+        # The most specific error ends the run: the controller's own, or that the robot does not
+        # move, or else that the attempts have failed.
         match failure:
             case Lost(error=Exception() as refusal):
                 raise refusal
@@ -390,7 +382,10 @@ class Engine:
         raise error
 
     def _void_shot(self, wrong: Outcome, reason: str) -> Group:
-        """Void a shot, its pair with it, and name it to the operator; return its group."""
+        """Void a shot, its pair with it, and name it to the operator.
+
+        Return its group; () if the plan does not have it any more.
+        """
         event = Event("shot voided", f"shot {wrong.shot} does not count: {reason}")
         self._log.announce(event)
         group = next((g for g in self._plan if wrong.shot in shots_of(g)), ())
@@ -407,7 +402,6 @@ class Engine:
 
     def _void(self, pair: int | None, shots: tuple[int, ...], reason: str) -> None:
         """Withdraw the outcomes of shots: first in the journal, then in gate, fit and display."""
-        # In this order a crash in between loses nothing: a resumed run reads that they are void.
         self._log.write(PairVoided(pair, shots, reason))
         self._gate.reset(shots)
         self._fit_shots()
@@ -419,7 +413,7 @@ class Engine:
 
     def _apply_wishes(self, pending: tuple[Group, ...]) -> tuple[Group, ...]:
         """Apply the operator's wishes between two groups; return the groups to measure now."""
-        # Until no wish is left: while the run pauses the operator may ask for more.
+        # Until no wish remains: the operator may ask for more while the run pauses.
         wishes = self._session.wishes
         while True:
             if wishes.take(Wish.AGAIN):
@@ -469,8 +463,7 @@ class Engine:
 
     def _compare_at_end(self) -> None:
         """Compare the poses that were compared after a restart, or as many as there are."""
-        # All shots are measured: a change, or a pose that cannot be compared, is noted for report
-        # and verdict, and does not end the run.
+        # A change is noted for report and verdict, and does not end a run whose shots are measured.
         references = self._references
         if not references and self._work.compared_at_end:
             spread = reference_poses(self._work.steps, self._gate.accepted)

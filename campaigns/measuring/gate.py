@@ -2,16 +2,16 @@
 
 A tracker may lock onto another reflector, a reflection or a reflector that was left standing, and
 then measures well, but not the robot. One such point spoils a fit, and so it is kept out while the
-cell can still be asked. The gate is not to find a bad robot: its limits (millimetres once there is
-a fit, centimetres before) are far above what a calibration corrects.
+cell can still be asked. The limits (millimetres once there is a fit, centimetres before) are far
+above what a calibration corrects.
 
 1. While few shots are accepted, the tracker's frame is unknown. Distances between points need no
    frame, and are compared with those of the nominal robot.
 2. As soon as the shots place a frame, a fit of robot and frame predicts each point, with an
    uncertainty from which the limit follows: wide where the shots say little, narrow later.
 
-One of the first shots may itself be of a wrong target, and then all later ones look wrong. It is
-found by leaving out one shot at a time: without it the refused shot agrees with all others.
+One of the first shots may itself be of a wrong target. It is found by leaving out one shot at a
+time: without it the refused shot agrees with all others.
 """
 
 from collections.abc import Iterable, Sequence
@@ -142,7 +142,7 @@ class Gate:
         if not at.assembly.is_solved[0]:
             return None
         spread = at.jacobian[0] @ estimate.covariance @ at.jacobian[0].T
-        # The residual is predicted minus measured, and `unmeasured` takes any point for measured.
+        # The residual is predicted minus measured: whatever points `unmeasured` has cancel out.
         return observation.points[0] + at.residual[0], float(np.sqrt(np.trace(spread)))
 
     def find_suspects(self, refused: Outcome) -> list[Outcome]:
@@ -156,9 +156,8 @@ class Gate:
 
     def is_replaced_by(self, again: Outcome, suspect: Outcome, refused: Outcome) -> bool:
         """Return whether a suspect measured again is elsewhere, and agrees with a refused shot."""
-        # Both are needed. A repetition at the old place acquits the suspect, whatever it agrees
-        # with; one that is elsewhere, but contradicts the refused shot, shows that something else
-        # is wrong.
+        # A repetition at the old place acquits the suspect. One that is elsewhere, but contradicts
+        # the refused shot, shows that something else is wrong.
         moved_mm = dist(suspect.point_in_tracker_mm, again.point_in_tracker_mm)
         others = self._without(suspect, refused)
         return moved_mm > self._rules.fitted_mm and not others.judge(again).refusal
@@ -193,10 +192,9 @@ class Gate:
 
     def _judge_distances(self, shot: Outcome, others: Sequence[Outcome]) -> GateDecision:
         """Compare the distances of a shot to others with those of the robot as it is estimated."""
-        # The forward model gives the reflector's positions in the base frame, the tracker the
-        # points in its own: their distances from this shot must agree, for no motion of a frame
-        # changes them. The worst of them decides. Without a fit the robot is the nominal one, whose
-        # errors of some mm are far below the limit.
+        # Positions are in the base frame, points in the tracker's: distances need no common frame.
+        # Without a fit the robot is the nominal one, whose errors of some mm are far below the
+        # limit.
         estimate, compared = self._estimate, (*others, shot)
         robot = self._model.nominal if estimate is None else self._model.kinematics(estimate.x)
         solution = robot.forward(np.array([outcome.joints for outcome in compared]))
@@ -226,42 +224,56 @@ class Gate:
 
     def _fit(self) -> None:
         """Fit by one Gauss-Newton step, from the nominal robot or the estimate before."""
-        # Unknowns are all errors of the robot, in units of their tolerances, and the frame's six.
-        # 1. Solve the forward model at the joints read. Without spread no frame can be fitted, and
-        #    the gate goes on by distances.
-        # 2. Place the frame by the rigid motion that carries these positions onto the points.
-        # 3. Linearise there. Weigh each point by the tracker's noise and a part of the robot's
-        #    scatter.
-        # 4. Solve the normal equations with a prior: each error is 0 ± its tolerance, the frame is
-        #    free. With the prior five shots suffice, and what they do not show stays uncertain.
-        # One step is exact to the square of the errors, which is far below the limit, and takes a
-        # fraction of a fit that converges.
-        model, count = self._model, len(self.accepted)
-        self._fit_due = next_fit(count)
-        x = np.zeros(len(model.names))
-        if self._estimate is not None:
-            x = self._estimate.x
+        # One step leaves an error of second order in the robot's errors, far below the limit, and
+        # takes a fraction of a fit that converges.
+        model = self._model
+        self._fit_due = next_fit(len(self.accepted))
+        x = np.zeros(len(model.names)) if self._estimate is None else self._estimate.x
         joints = np.array([shot.joints for shot in self.accepted])
         points_mm = np.array([shot.point_in_tracker_mm for shot in self.accepted])
         solution = model.kinematics(x).forward(joints)
-        extent_mm = np.linalg.svd(points_mm - points_mm.mean(axis=0), compute_uv=False)[1]
-        if extent_mm / np.sqrt(count) < SPREAD_FOR_A_FRAME_MM or not solution.is_solved.all():
+        # Without a frame, or with joints that no pose fits, the gate goes on by distances.
+        if not _can_place_frame(points_mm) or not solution.is_solved.all():
             return
-        near = solution.values
+        poses = solution.values
         noise = {"stated": point_covariance_mm2(points_mm, self._instrument)}
-        observations = replace(Observations.unmeasured(joints, near), points=points_mm, noise=noise)
-        frame = fit_transform(near[:, :3], points_mm)
-        at = model.linearise(observations, x, (frame,), near)
-        parts = noise_parts(model, observations, at.by_joint)
-        weights = np.linalg.inv(sum(SCATTER_SHARE.get(part, 1.0) * parts[part] for part in parts))
-        weighted = (weights @ at.jacobian).reshape(3 * count, -1)
-        prior = np.diag(np.arange(len(x) + 6) < len(x)).astype(float)
-        covariance = np.linalg.inv(weighted.T @ at.jacobian.reshape(3 * count, -1) + prior)
-        slope = weighted.T @ at.residual.ravel() + prior @ np.concatenate([x, np.zeros(6)])
-        step = -covariance @ slope
-        (frame,) = moved_frames((frame,), step[len(x) :])
-        middle = near.mean(axis=0, keepdims=True)
-        self._estimate = Estimate(x + step[: len(x)], frame, middle, covariance)
+        unmeasured = Observations.unmeasured(joints, poses)
+        observations = replace(unmeasured, points=points_mm, noise=noise)
+        self._estimate = _gauss_newton_step(model, observations, x, poses)
+
+
+def _can_place_frame(points_mm: Array) -> bool:
+    """Return whether points (N, 3) extend far enough across the line that fits them best."""
+    # The second singular value is the root of the summed squares of the distances along the second
+    # main direction.
+    extent_mm = np.linalg.svd(points_mm - points_mm.mean(axis=0), compute_uv=False)[1]
+    return bool(extent_mm / np.sqrt(len(points_mm)) >= SPREAD_FOR_A_FRAME_MM)
+
+
+def _gauss_newton_step(
+    model: ErrorModel, observations: Observations, x: Array, poses: Array
+) -> Estimate:
+    """Improve the unknowns of a robot, whose poses (N, t) at the joints read are given.
+
+    `x` (P,): unknowns in units of their tolerances. The frame is fitted from nothing.
+    """
+    # 1. Place the frame by the rigid motion that carries the model's positions onto the points.
+    # 2. Linearise there; weigh each point by the tracker's noise and a part of the robot's scatter.
+    # 3. Solve the normal equations. As a prior each unknown of the robot is 0 ± 1 tolerance, the
+    #    frame's six are free: five shots suffice, and what they do not show stays uncertain.
+    unknowns = len(x)
+    frame = fit_transform(poses[:, :3], observations.points)
+    at = model.linearise(observations, x, (frame,), poses)
+    parts = noise_parts(model, observations, at.by_joint)
+    noise = sum(SCATTER_SHARE.get(name, 1.0) * part for name, part in parts.items())
+    jacobian = at.jacobian.reshape(-1, unknowns + 6)
+    weighted = (np.linalg.inv(noise) @ at.jacobian).reshape(jacobian.shape)
+    prior = np.concatenate([np.ones(unknowns), np.zeros(6)])
+    covariance = np.asarray(np.linalg.inv(weighted.T @ jacobian + np.diag(prior)), np.float64)
+    slope = weighted.T @ at.residual.ravel() + prior * np.concatenate([x, np.zeros(6)])
+    step = -covariance @ slope
+    (frame,) = moved_frames((frame,), step[unknowns:])
+    return Estimate(x + step[:unknowns], frame, poses.mean(axis=0, keepdims=True), covariance)
 
 
 def next_fit(shots: int, growth: float = 0.25) -> int:

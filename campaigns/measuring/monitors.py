@@ -99,13 +99,13 @@ class StationMonitor:
         if off_mm > limit_mm:
             yield Event(
                 "tracker place",
-                f"{WRONG_PLACE} {_listed(place_mm)} mm, campaign.yaml says "
-                f"{_listed(station.place_mm)}: {off_mm / 1000.0:.1f} m off; "
+                f"{WRONG_PLACE} {_place_text(place_mm)} mm, campaign.yaml says "
+                f"{_place_text(station.place_mm)}: {off_mm / 1000.0:.1f} m off; "
                 "correct tracker.place_mm",
             )
-            yield from self._unseen(station, place_mm)
+            yield from self._name_unseen_shots(station, place_mm)
 
-    def _unseen(self, station: Station, place_mm: Vector3) -> Iterator[Event]:
+    def _name_unseen_shots(self, station: Station, place_mm: Vector3) -> Iterator[Event]:
         view = station.seen_from(place_mm)
         unseen = sorted(
             shot.shot for shot in self._planned if view_fault(pose_row(shot.pose)[:3], view)
@@ -145,5 +145,5 @@ def fit_place(kinematics: Kinematics, accepted: Sequence[Outcome]) -> tuple[Vect
     return vector(place_mm), std_mm
 
 
-def _listed(place_mm: Vector3) -> str:
+def _place_text(place_mm: Vector3) -> str:
     return f"({', '.join(f'{value:.0f}' for value in place_mm)})"

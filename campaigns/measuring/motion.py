@@ -199,7 +199,7 @@ class Mover:
             )
         if legs is None:
             raise TargetOutOfReach(
-                f"no safe way {name} from joints {_listed(self._axes, here)}",
+                f"no safe way {name} from joints {_joints_text(self._axes, here)}",
                 remedy="jog the robot near the workspace's centre, then run again",
             )
         return legs
@@ -318,6 +318,6 @@ def _worst(sizes: Sequence[float]) -> tuple[int, float]:
     return max(enumerate(sizes), key=lambda entry: entry[1])
 
 
-def _listed(axes: Sequence[Axis], joints: Joints) -> str:
+def _joints_text(axes: Sequence[Axis], joints: Joints) -> str:
     texts = (axis.text(value, ".3f") for axis, value in zip(axes, joints, strict=True))
     return f"({', '.join(texts)})"

@@ -42,8 +42,6 @@ class NestPointer:
 
         Raise `GateRefused` if no one puts the reflector back.
         """
-        # The order matters: first the reflector is on the robot, then the tracker measures with
-        # that reflector's constant, and then it looks for it where it should be.
         if not self._is_away:
             return
         if self._is_borrowed:
@@ -61,7 +59,6 @@ class NestPointer:
 
         Raise `GateRefused` if the point is another reflector's.
         """
-        # A beam that went to the wrong reflector would make a nest look moved, or, worse, unmoved.
         point_mm = outcome.point_in_tracker_mm
         expected_mm = self._session.gate.expected_point_mm(outcome.joints)
         others = self._latest_mm | ({"the robot": expected_mm} if expected_mm else {})

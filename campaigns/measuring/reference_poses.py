@@ -70,29 +70,27 @@ def reference_poses(steps: Sequence[Step], kept: Sequence[Outcome]) -> tuple[Ref
 
     A single one if there are no such poses. The first drift shot comes first, else the first shot.
     """
-    # 1. Begin with a drift shot: the plan comes back to its pose again and again.
-    # 2. Add the pose farthest from it, and then the one farthest from the line through both: three
-    #    points that are not on a line show every rigid motion.
-    # 3. Add the pose that is farthest from those chosen.
-    was = {outcome.shot: outcome for outcome in kept}
-    taken = [(step, was[shot]) for step in steps if (shot := step.planned.shot) in was]
-    taken.sort(key=lambda pose: pose[0].planned.purpose is not ShotSet.DRIFT)
-    if len(taken) < FEWEST_POSES:
-        return tuple(taken[:1])
-    points = np.array([then.point_in_tracker_mm for _, then in taken])
+    # The second pose is farthest from the first, the third from the line through both: three points
+    # that are not on a line show every rigid motion. The fourth is farthest from those chosen.
+    outcomes = {outcome.shot: outcome for outcome in kept}
+    poses = [(step, outcomes[shot]) for step in steps if (shot := step.planned.shot) in outcomes]
+    poses.sort(key=lambda pose: pose[0].planned.purpose is not ShotSet.DRIFT)
+    if len(poses) < FEWEST_POSES:
+        return tuple(poses[:1])
+    points = np.array([outcome.point_in_tracker_mm for _, outcome in poses])
     chosen = [0, int(np.argmax(np.linalg.norm(points - points[0], axis=1)))]
     along = points[chosen[1]] - points[0]
     length_mm = float(np.linalg.norm(along))
     if length_mm < SPREAD_MM:
-        return (taken[0],)
+        return (poses[0],)
     height_mm = np.linalg.norm(np.cross(points - points[0], along / length_mm), axis=1)
     if height_mm.max() < SPREAD_MM:
-        return (taken[0],)
+        return (poses[0],)
     chosen.append(int(np.argmax(height_mm)))
-    while len(chosen) < min(MOST_POSES, len(taken)):
+    while len(chosen) < min(MOST_POSES, len(poses)):
         nearest = np.linalg.norm(points[:, None] - points[chosen], axis=2).min(axis=1)
         chosen.append(int(np.argmax(nearest)))
-    return tuple(taken[place] for place in chosen)
+    return tuple(poses[place] for place in chosen)
 
 
 def pose_settling(
@@ -106,7 +104,7 @@ def pose_settling(
     # the nominal robot, whose errors cancel in such small differences.
     axes, joints = _tracker_from_base(nominal, kept), np.array([visit.joints for visit in visits])
     points = np.array([visit.point_in_tracker_mm for visit in visits])
-    points, by_joints = points - _positions(nominal, joints) @ axes.T, _by_joints(nominal, joints)
+    points, by_joints = points - _positions(nominal, joints) @ axes.T, _derivatives(nominal, joints)
     covariance = noise.covariance_mm2(visits, axes @ by_joints)
     return settling([visit.shot for visit in visits], points, covariance)
 
@@ -137,7 +135,7 @@ def rigid_body_test(
     )
     commanded = (_positions(nominal, q_now) - _positions(nominal, q_then)) @ axes.T
     moved = moved - points - commanded
-    by_joints = np.einsum("ab,nbj->naj", axes, _by_joints(nominal, q_then))
+    by_joints = np.einsum("ab,nbj->naj", axes, _derivatives(nominal, q_then))
     covariance = sum(noise.covariance_mm2(outcomes, by_joints) for outcomes in (then, now))
     whitening = np.linalg.inv(np.linalg.cholesky(covariance))
     seen = np.einsum("nab,nb->na", whitening, moved).ravel()
@@ -166,11 +164,11 @@ def _explain(
 
     `causes` are columns (N, 3, k) by the name of a joint or "frame".
     """
-    # Each cause is fitted alone by least squares, and is possible if noise explains the remainder.
-    # Akaike's criterion (1974) ranks them: squares plus twice the number of unknowns, so that a
-    # rigid motion with its six does not win by their number. Causes that the few poses cannot
-    # distinguish are all named.
-    able: list[tuple[float, str]] = []
+    # Each cause is fitted alone, and is possible if noise explains the remainder. Akaike's
+    # criterion (1974) ranks them: squares plus twice the number of unknowns, so that a rigid motion
+    # with its six does not win by their number. Causes that the poses cannot distinguish are all
+    # named.
+    possible: list[tuple[float, str]] = []
     axes = {axis.name: axis for axis in nominal.mechanism.joints}
     for name, by_cause in causes.items():
         columns = np.einsum("nab,nbm->nam", whitening, by_cause).reshape(seen.size, -1)
@@ -186,14 +184,15 @@ def _explain(
                 f"the tracker, its stand or the robot's base has moved: the points by "
                 f"{size_mm:.3f} mm, turned by {np.degrees(np.linalg.norm(size[:3])):.4f}°"
             )
-        able.append((square + 2.0 * count, words))
-    if not able:
+        possible.append((square + 2.0 * count, words))
+    if not possible:
         return (
             f"the robot has changed: the points moved by {size_mm:.3f} mm, and neither a motion of "
             "the tracker nor one encoder explains it"
         )
-    able.sort(key=lambda cause: cause[0])
-    return "; or ".join(words for score, words in able if score <= able[0][0] + LIKELY_WITHIN)
+    possible.sort(key=lambda cause: cause[0])
+    best, _ = possible[0]
+    return "; or ".join(words for score, words in possible if score <= best + LIKELY_WITHIN)
 
 
 def _may_be_chance(square: float, count: int, freedom: float) -> bool:
@@ -223,7 +222,7 @@ def _positions(nominal: Kinematics, joints: Array) -> Array:
     return np.asarray(nominal.forward(joints).values_or_raise()[:, :3])
 
 
-def _by_joints(nominal: Kinematics, joints: Array) -> Array:
+def _derivatives(nominal: Kinematics, joints: Array) -> Array:
     """Return ∂position/∂joints, (N, 3, n)."""
     # A joint acts on the pose as the offset of its encoder does, whose columns the Jacobian has.
     poses = nominal.forward(joints).values_or_raise()

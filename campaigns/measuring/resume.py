@@ -78,7 +78,7 @@ def complete_series(journal: JournalReader, work: Work) -> Series | None:
     that it lacks shall be skipped.
     """
     latest = journal.latest_series(work.stage)
-    if latest is None or not latest.finished or _other_plan(latest, work):
+    if latest is None or not latest.finished or _plan_difference(latest, work):
         return None
     skipped = {shot for group in work.skipped_groups for shot in shots_of(group)}
     if set(missing_shots(latest, work)) <= skipped:
@@ -99,14 +99,14 @@ def series_to_take_up(journal: JournalReader, work: Work) -> Series | None:
     latest = journal.latest_series(work.stage)
     if latest is None or latest.started.imported:
         return None
-    difference = _other_plan(latest, work)
+    difference = _plan_difference(latest, work)
     if latest.finished and (difference or not missing_shots(latest, work)):
         return None
     if difference:
-        raise _refused(latest, f"another plan ({difference})")
+        raise _refusal(latest, f"another plan ({difference})")
     then, now = latest.started.robot_file_digest, work.robot_file_digest
     if then != now:
-        raise _refused(latest, f"another parameter set ({then[:8]}…, now {now[:8]}…)")
+        raise _refusal(latest, f"another parameter set ({then[:8]}…, now {now[:8]}…)")
     return latest
 
 
@@ -124,7 +124,7 @@ def check_same_devices(
     ):
         then = before.serial if before else "unknown"
         if now is not None and then != now:
-            raise _refused(series, f"the {device} of serial number {then}, now it is {now}")
+            raise _refusal(series, f"the {device} of serial number {then}, now it is {now}")
 
 
 def how_it_stopped(journal: JournalReader, series: int) -> str:
@@ -137,7 +137,7 @@ def how_it_stopped(journal: JournalReader, series: int) -> str:
     return "a crash: the last session wrote no end"
 
 
-def _other_plan(series: Series, work: Work) -> str:
+def _plan_difference(series: Series, work: Work) -> str:
     """Return how the plan differs from that of a series, in words; "" if it does not."""
     # Only plan.csv, which a run measures, is edited by people: rows may be added or removed, as
     # long as those of measured shots stay as they were. Other stages compute their plans, which are
@@ -151,7 +151,7 @@ def _other_plan(series: Series, work: Work) -> str:
     return f"{began.plan_digest[:8]}…, now {work.plan_digest[:8]}…"
 
 
-def _refused(series: Series, began_with: str) -> ResumeRefused:
+def _refusal(series: Series, began_with: str) -> ResumeRefused:
     return ResumeRefused(
         f"series {series.number} ({series.started.stage}) was begun with {began_with}",
         remedy=REMEDY,

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 
 from campaigns.journal import records
 from campaigns.journal.journal import Journal, JournalReader
+from campaigns.journal.views import AcceptedShot
 from campaigns.measuring import resume
 from campaigns.measuring.engine import Engine
 from campaigns.measuring.motion import Mover
@@ -27,6 +28,7 @@ from campaigns.measuring.stopping_rule import in_words, is_met
 from campaigns.measuring.work import Cell, Session, Work
 from campaigns.planning.steps import Group, shots_of
 from campaigns.version import VERSION
+from drivers.values import Identity
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +90,50 @@ def measure_series(
     devices are not those that the series began with, `Interrupted` if the operator stops the run,
     or the error that ended it.
     """
-    # 1. Who answers, which series it is, and whether the devices are still those of its beginning.
+    # 1. Read the devices, choose the series, and refuse other devices than those of its beginning.
     robot, tracker = cell.robot.identity(), cell.tracker.identity()
-    today = records.SeriesStarted(
+    started_now = _describe_start(cell, work, robot, tracker)
+    resumed = None if anew else resume.series_to_take_up(journal, work)
+    if resumed is not None:
+        resume.check_same_devices(resumed, robot.serial, tracker.serial)
+    # 2. Write the session's start. What ended the session before is read first.
+    number = resumed.number if resumed else journal.start_series(started_now)
+    log = SeriesLog(journal, number, observer)
+    how_it_stopped = resume.how_it_stopped(journal, number) if resumed else ""
+    weather, beam = started_now.weather, _beam_start(cell)
+    log.write(records.SessionStarted(VERSION, robot, tracker, weather, beam))
+    sessions = journal.records_of(records.SessionStarted, number)
+    beam_starts = [entry.record.beam for entry in sessions if entry.record.beam is not None]
+    with closing(log):  # writes the session's end, whatever it is
+        # 3. Take what the series has: whole groups are kept, halves of pairs voided.
+        if resumed:
+            log.write(records.Event("resumed", f"{work.stage} goes on after {how_it_stopped}"))
+        state = resume.resume_state(work.steps, journal.shots(number))
+        for half in state.halves:
+            log.write(half)
+        session = _make_session(cell, work, log, observer, wishes, state.kept)
+        # The air is compared with that of the series' beginning, not of this session's.
+        first_weather = resumed.started.weather if resumed else weather
+        engine = Engine(session, beam_starts, state, first_weather)
+        wanted = engine.leave_out_superfluous(_without_skipped(session, state.unmeasured))
+        # 4. Compare poses with the last session's. Where nothing is left to measure, there is
+        #    nothing to compare either.
+        if wanted and state.kept:
+            engine.check_unmoved()
+        # 5. Measure the missing groups.
+        engine.run(wanted)
+        if not (resumed and resumed.finished):  # one that ended early is finished already
+            log.write(records.SeriesFinished())
+    # 6. Prove the journal after the session's end, so that this record is proved, too.
+    journal.prove()
+    return number
+
+
+def _describe_start(
+    cell: Cell, work: Work, robot: Identity, tracker: Identity
+) -> records.SeriesStarted:
+    """Describe a series of this work that begins now on these devices."""
+    return records.SeriesStarted(
         work.stage,
         work.plan_digest,
         work.configuration,
@@ -101,50 +144,22 @@ def measure_series(
         cell.tracker.weather(),
         lacks=tuple(cell.robot.lacks(work.robot.kinematics.mechanism.parameters.optional)),
     )
-    begun = None if anew else resume.series_to_take_up(journal, work)
-    if begun is not None:
-        resume.check_same_devices(begun, robot.serial, tracker.serial)
-    # 2. From here on the session is in the journal.
-    series = begun.number if begun else journal.start_series(today)
-    log = SeriesLog(journal, series, observer)
-    resumed = resume.how_it_stopped(journal, series) if begun else ""
-    beam = _beam_start(cell)
-    log.write(records.SessionStarted(VERSION, robot, tracker, today.weather, beam))
-    sessions = journal.records_of(records.SessionStarted, series)
-    starts = [beam for entry in sessions if (beam := entry.record.beam) is not None]
-    with closing(log):  # writes the session's end, whatever it is
-        # 3. What the series has: whole groups are kept, halves of pairs voided.
-        if resumed:
-            log.write(records.Event("resumed", f"{work.stage} goes on after {resumed}"))
-        state = resume.resume_state(work.steps, journal.shots(series))
-        for half in state.halves:
-            log.write(half)
-        done, total = len(state.kept), len(work.steps)
-        run_state = RunState(observer, done=done, total=total, goal_mm=work.goal_mm)
-        mover = Mover(
-            cell.robot,
-            cell.clock,
-            work.speed_fraction,
-            work.settle,
-            work.robot,
-            wishes.stop_requested,
-        )
-        session = Session(cell, work, log, run_state, work.gate_after(state.kept), mover, wishes)
-        # The air is compared with that of the series' beginning, not of this session's.
-        first_weather = (begun.started if begun else today).weather
-        engine = Engine(session, starts, state, first_weather)
-        wanted = engine.leave_out_superfluous(_without_skipped(session, state.unmeasured))
-        # 4. Nothing may have shifted since the last session, if old and new shots are to count
-        #    together. Where nothing is left to measure, there is nothing to compare either.
-        if wanted and state.kept:
-            engine.check_unmoved()
-        # 5. The missing groups.
-        engine.run(wanted)
-        if not (begun and begun.finished):  # one that ended early is finished already
-            log.write(records.SeriesFinished())
-    # 6. After the session's end, so that this record is proved, too.
-    journal.prove()
-    return series
+
+
+def _make_session(
+    cell: Cell,
+    work: Work,
+    log: SeriesLog,
+    observer: RunObserver,
+    wishes: Wishes,
+    kept: Sequence[AcceptedShot],
+) -> Session:
+    """Return a session whose display and gate begin with the shots that the series has."""
+    done, total = len(kept), len(work.steps)
+    run_state = RunState(observer, done=done, total=total, goal_mm=work.goal_mm)
+    speed, stop_requested = work.speed_fraction, wishes.stop_requested
+    mover = Mover(cell.robot, cell.clock, speed, work.settle, work.robot, stop_requested)
+    return Session(cell, work, log, run_state, work.gate_after(kept), mover, wishes)
 
 
 def _without_skipped(session: Session, pending: Sequence[Group]) -> tuple[Group, ...]:

@@ -2,17 +2,14 @@
 
 An attempt takes these steps, and their order is what makes its data trustworthy:
 
-1. The intent is written, and is on the disk before anything moves. If the process dies on the way,
-   the journal shows which attempt is missing its end, and the number is not used again.
+1. The intent is on the disk before anything moves: if the process dies, its number is not used
+   again.
 2. The robot moves and settles. Its joints are read when it has stood still in place.
 3. The tracker measures. Its raw answer and the robot's are decoded a second time and compared.
 4. The gate compares the point with the one predicted by the accepted shots.
 5. The robot is read again: if it has moved since step 2, joints and point are not of one pose.
 6. The end is written: a rejection here, the outcome by `accept`, which the engine calls once the
    shot has passed its own checks, too. Each intent has exactly one end.
-
-The result is `Accepted`, with an outcome that is still to be written; `Skipped` by the operator;
-`Refused`, if the point contradicts the accepted ones; or `Lost`, without data.
 """
 
 from collections.abc import Callable
@@ -87,8 +84,8 @@ class Shots:
         if not isinstance(outcome, Outcome):
             return outcome
         if not nest:
-            # Also points that are refused later: several of one place show a robot that does not
-            # move, whatever its encoders report.
+            # Also points that are refused later: one point at several poses shows a robot that does
+            # not move.
             self._beam.remember(outcome)
         return self._judge(outcome, arrival, is_judged=is_judged and not nest)
 
@@ -99,7 +96,7 @@ class Shots:
 
     def accept(self, outcome: Outcome) -> None:
         """Write an outcome: the shot counts, and helps to predict the next one."""
-        # First to the disk, then into the gate: no shot is judged by one that a crash could lose.
+        # In this order no shot is judged by one that a crash could lose.
         self._log.write(outcome)
         self._session.gate.accept(outcome)
         self._end_accepted(outcome)
@@ -137,8 +134,6 @@ class Shots:
 
     def _measure(self, intent: Intent, arrival: Arrival, nest: str) -> Outcome | Skipped | Lost:
         """Measure the robot's reflector, or a nest's, and compare with the raw answers."""
-        # The outcome has the joints as they were read at rest, not those that were commanded: the
-        # difference is part of what the calibration explains.
         cell = self._session.cell
         self._run_state.enter(EngineState.MEASURING)
         try:
@@ -166,7 +161,6 @@ class Shots:
             came_from=arrival.came_from,
         )
         if cell.raw_readers is not None:
-            # A mistake of a driver would spoil every shot alike, and no gate or fit could see it.
             cell.raw_readers.check(outcome)
         return outcome
 
@@ -196,8 +190,7 @@ class Shots:
 
     def _wait_for_beam(self, intent: Intent, arrival: Arrival, error: BeamBroken) -> Skipped | Lost:
         """Wait until the beam is back, or until another pose must show where the reflector is."""
-        # The rejection is written before the wait, which may last until the operator comes: the
-        # attempt has its end, whatever happens meanwhile.
+        # The rejection comes before the wait, which may last for hours.
         self._run_state.see_beam(locked=False)
         reason = self._reject(intent, f"beam broken: {error.problem}")
         seen_here = not isinstance(error, NoReflector)

@@ -51,7 +51,7 @@ class UncertaintyMonitor:
         """Fit the accepted shots to identify from; return None for too few of them."""
         # Shots whose joints no pose fits are left out, as `identify` leaves them out. A fit that
         # has not converged states no uncertainty: its covariance would belong to other parameters.
-        shots = self._shots([o for o in outcomes if self._identifies(o)])
+        shots = self._make_shots([o for o in outcomes if self._is_to_identify(o)])
         if len(shots) < FEWEST_SHOTS:
             return None
         solution = self._model.nominal.forward(shots.joints, approach=shots.approach)
@@ -85,11 +85,11 @@ class UncertaintyMonitor:
         worst = at.worst("mm") or ("", 0.0)
         return PositionUncertainty(at.shots, *worst, float(at.position_std_mm.mean()))
 
-    def _identifies(self, outcome: Outcome) -> bool:
+    def _is_to_identify(self, outcome: Outcome) -> bool:
         planned = self._planned.get(outcome.shot)
         return planned is not None and planned.purpose is ShotSet.IDENTIFICATION
 
-    def _shots(self, taken: Sequence[Outcome]) -> Shots:
+    def _make_shots(self, taken: Sequence[Outcome]) -> Shots:
         planned = [self._planned[outcome.shot] for outcome in taken]
         return shots_of_outcomes(
             taken,

@@ -63,12 +63,12 @@ class RawReaders:
         ]
         if covariance_mm2 is not None:
             compared.append(("covariance_mm2", outcome.covariance_mm2 or (), covariance_mm2))
-        for name, recorded, said in compared:
-            values, raw = np.array(recorded), np.array(said)
+        for name, recorded, raw_value in compared:
+            values, raw = np.array(recorded), np.array(raw_value)
             # Equal except for rounding: units are converted in two ways.
             if values.shape != raw.shape or not np.allclose(values, raw, rtol=1e-12, atol=1e-15):
                 raise ImplausibleAnswer(
-                    f"shot {outcome.shot}: {name} {recorded}, but the raw answer says {said}",
+                    f"shot {outcome.shot}: {name} {recorded}, but the raw answer says {raw_value}",
                     remedy="report it with this line: the software misreads the device",
                 )
 

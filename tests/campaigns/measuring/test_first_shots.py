@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fake_cell import NOMINAL, TRACKER_FROM_BASE, FakeCell
-from small_plans import FOUR_PAIRS, TWO_PAIRS, pair, work
+from small_plans import FOUR_PAIRS, TWO_PAIRS, drift, pair, work
 from tested_journal import journal_in
 
 from campaigns.errors import GateRefused, Interrupted
@@ -155,3 +155,24 @@ def test_plan_that_cannot_be_seen_from_the_found_place_is_named() -> None:
     told = places_told((-y, x, z), facing=(-y, x, z))
     assert told[-1].startswith("from there 10 of 10 shots of the plan cannot be seen")
     assert ": 0–9; move the tracker" in told[-1]
+
+
+def test_wrong_shot_whose_row_was_removed_is_voided_and_nothing_measured_in_its_place(
+    tmp_path: Path,
+) -> None:
+    """Two drift shots of a reflector that stands elsewhere; then the first one's row goes."""
+    first, second = FakeCell(), FakeCell()
+    for cell in (first, second):
+        cell.tracker.tells_direction = True
+    plan = (drift(0), drift(10), *TWO_PAIRS[1:5])
+    first.tracker.during_measure = {1: first.tracker.take_wrong_target}
+    first.robot.during_move = {3: first.wish.ask}
+    with journal_in(tmp_path, first.calls) as journal, pytest.raises(Interrupted):
+        first.measure(journal, work(plan))
+    second.tracker.on_wrong_target = True
+    second.robot.joints = first.robot.joints
+    journal = second.run(tmp_path, work(plan[1:]))
+    assert [shot.intent.shot for shot in journal.shots()] == [1, 2, 3, 4, 10]
+    assert all(
+        dist(s.outcome.point_in_tracker_mm, true_mm(s.outcome)) < 0.01 for s in journal.shots()
+    )
