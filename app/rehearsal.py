@@ -76,8 +76,8 @@ def rehearse(
     after = _validate(campaign, terminal, "after")
     rehearsal.after = after.result.document()
     show_gain(terminal, after.evaluation)
-    otherwise = after.otherwise
-    return rehearsal, after.verdict.reasons or (otherwise.reasons if otherwise else ())
+    of_campaign = after.differing_verdict
+    return rehearsal, after.verdict.reasons or (of_campaign.reasons if of_campaign else ())
 
 
 def heading(terminal: Terminal, number: int, stage: str) -> None:

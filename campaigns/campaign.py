@@ -1,7 +1,5 @@
 """Campaign: a folder with settings, nominal robot, plan and journal, and what follows from them."""
 
-# Theory of operation
-#
 # A campaign's folder holds everything. Three of its files may be edited by people: campaign.yaml
 # (settings), the nominal robot file, and plan.csv. Everything that was measured, identified or
 # loaded is in campaign.db, the journal, which only grows.

@@ -1,7 +1,5 @@
 """Evidence: everything that a campaign's folder holds, and its evaluation, as one value each."""
 
-# Theory of operation
-#
 # `gather` reads the folder once and writes nothing: settings, plan.csv, the exported robot file and
 # the journal become one immutable value, `Evidence`. What is missing is None or empty. What is
 # there and cannot be read becomes a sentence in `unreadable`, so that one spoilt file hides
@@ -188,7 +186,7 @@ class Evidence:
         measured = self.before if stage == "before" else self.after
         if not measured:
             return None
-        # all series of a stage have the same parameters (see `_chosen`): the last one's are theirs
+        # all series of a stage have the parameters of the last one (see `counted_series`)
         started = measured[-1].series.started
         state, targets = self.state(started.robot_file_digest), started.stage == "after by targets"
         return state and replace(state, targets=targets, declared=started.declared)
@@ -459,9 +457,9 @@ def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
                 "DIR", quoted(str(campaign.folder))
             ),
         ),
-        before=_measured(campaign, _chosen(all_series, STAGES["before"])),
+        before=_measured(campaign, counted_series(all_series, "before")),
         run=run[0] if run else None,
-        after=_measured(campaign, _chosen(all_series, STAGES["after"])),
+        after=_measured(campaign, counted_series(all_series, "after")),
         identification=identification,
         loaded=loaded,
         checked=_latest(journal, "check", read_check, unreadable),
@@ -528,18 +526,21 @@ def _unended_load(journal: JournalReader, unreadable: list[str]) -> str:
     return unended.describe(None) if unended else ""
 
 
-def _chosen(all_series: Iterable[Series], stages: frozenset[Stage]) -> tuple[Series, ...]:
+def counted_series(
+    all_series: Iterable[Series], stage: Literal["before", "after"]
+) -> tuple[Series, ...]:
     """Return the series of a validation that count together, oldest first.
 
-    These are the finished series of `stages`, or else the last one begun, as far as stage and
-    controller's parameters are those of the last.
+    These are the finished series of the stage, or else the last one begun, as far as the journal's
+    stage and the controller's parameters are those of the last.
     """
     # Tests may be spread over several series, but figures of a robot with other parameters are of
     # another robot. An import without an end broke off while it was written: it counts for nothing.
     of_stage = [
         series
         for series in all_series
-        if series.started.stage in stages and (series.finished or not series.started.imported)
+        if series.started.stage in STAGES[stage]
+        and (series.finished or not series.started.imported)
     ]
     counted = [series for series in of_stage if series.finished] or of_stage[-1:]
     return tuple(each for each in counted if _conditions(each) == _conditions(counted[-1]))
@@ -609,7 +610,10 @@ def _checks(evidence: Evidence) -> Iterator[Check]:
     if identification is None:
         yield Check("the results belong to one identification", None, "nothing was identified")
     else:
-        yield from _identified_checks(evidence, identification)
+        parameters = identification.parameter_set(evidence.campaign.robot.mechanism).digest()
+        yield from _checks_of_bases(evidence, identification)
+        yield _check_of_file(evidence, parameters)
+        yield from _checks_of_controller(evidence, parameters)
     check = evidence.unanswered
     if check is not None and check.decision == "fail":
         detail = f"check, series {check.series}: {check.says}"
@@ -635,14 +639,11 @@ def _plan_digests(evidence: Evidence) -> tuple[str | None, str | None]:
     return now, evidence.run.series.started.plan_digest
 
 
-def _identified_checks(
-    evidence: Evidence, identification: RecordedIdentification
-) -> Iterator[Check]:
-    """Yield the checks of what the identification rests on, and of where its parameters went."""
-    nominal, journal = evidence.campaign.robot, evidence.journal
-    parameters = identification.parameter_set(nominal.mechanism).digest()
+def _checks_of_bases(evidence: Evidence, identification: RecordedIdentification) -> Iterator[Check]:
+    """Yield the checks that nominal robot, journal and settings are those of the identification."""
+    journal = evidence.journal
     statement = "the nominal robot is the one that was identified from"
-    yield same_digest(statement, nominal.digest(), identification.robot_digest)
+    yield same_digest(statement, evidence.campaign.robot.digest(), identification.robot_digest)
     statement = "the journal is unchanged up to the identification"
     journal_now = None if journal is None else journal.identified_digest
     yield same_digest(statement, journal_now, identification.journal_digest)
@@ -651,25 +652,39 @@ def _identified_checks(
         yield Check(statement, holds=False, detail=f"{', '.join(outdated)} changed since")
     else:
         yield Check(statement, holds=True, detail="as then")
-    loaded = evidence.loaded
+
+
+def _check_of_file(evidence: Evidence, identified: str) -> Check:
+    """Check that the exported robot file, or else a form in the folder, is of the identified set.
+
+    `identified` is the digest of this set.
+    """
     statement = "the parameter file contains the identified parameters"
-    forms = [form.projection.of for form in evidence.forms if form.projection]
     if evidence.spoilt_parameter_file:
-        yield Check(statement, holds=False, detail="it cannot be read")
-    else:
-        yield same_digest(statement, evidence.file_origin or next(iter(forms), None), parameters)
-    after = evidence.after[-1].series.started if evidence.after else None
-    # By corrected targets nothing was loaded, and where the set was declared, whatever was loaded
-    # earlier says nothing: the last load is compared in neither case.
-    route = "the controller held the identified set"
-    if after is not None and after.stage == "after by targets":
-        route = "targets were corrected with the identified set"
-    elif after is None or not after.declared:
+        return Check(statement, holds=False, detail="it cannot be read")
+    form_origins = [form.projection.of for form in evidence.forms if form.projection]
+    origin = evidence.file_origin or next(iter(form_origins), None)
+    return same_digest(statement, origin, identified)
+
+
+def _checks_of_controller(evidence: Evidence, identified: str) -> Iterator[Check]:
+    """Yield the checks that the identified set came to the controller, by whichever route.
+
+    `identified` is the digest of this set.
+    """
+    # Three routes: the set was loaded; or it was declared, and whatever was loaded earlier says
+    # nothing; or targets were corrected with it, and nothing was loaded. So the last load is
+    # compared on the first route alone.
+    held, loaded = evidence.held("after"), evidence.loaded
+    by_targets = held is not None and held.targets
+    if not by_targets and not (held and held.declared):
         last = evidence.state(loaded.digest if loaded else None)
-        yield _same_origin("what was loaded last is what was identified", last, parameters)
-    statement, held = f"{route} when the robot was validated after", evidence.held("after")
-    yield _same_origin(statement, held, parameters)
-    if loaded and held and held.origin == parameters and evidence.loaded_since:
+        yield _same_origin("what was loaded last is what was identified", last, identified)
+    route = "the controller held the identified set"
+    if by_targets:
+        route = "targets were corrected with the identified set"
+    yield _same_origin(f"{route} when the robot was validated after", held, identified)
+    if loaded and held and held.origin == identified and evidence.loaded_since:
         statement = "the robot was validated after with what its controller holds now"
         yield Check(statement, holds=False, detail=f"{loaded.source} was loaded since")
 

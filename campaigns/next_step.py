@@ -1,7 +1,5 @@
 """Next step: the state of a campaign by its evidence, and the one command that follows from it."""
 
-# Theory of operation
-#
 # `state_of` reduces the evidence to a flat state of some twenty words and truth values. `next_step`
 # is a pure function of this state: it takes the first row of `ROWS` that applies. The order of the
 # rows is the order of a campaign's work: look, plan, validate before, run, identify, check, export,
@@ -437,30 +435,51 @@ def _with_controller(
     state: CampaignState,
     held: ControllerState | None,
 ) -> CampaignState:
-    """Return the state completed by what the controller holds, and the validation with that set."""
-    # The validation after calibration counts if it was made with a form of this identification, and
-    # if the controller still holds what it held then. The exception is a rollback: its validation
-    # stays the reason for it.
+    """Return the state completed by what the controller holds, and by the validation of that set.
+
+    `held` is the state of a controller that was read just now, else None.
+    """
     evidence, digest = evaluation.evidence, identified.digest()
-    held, loaded = held or evidence.controller, evidence.loaded
-    is_rolled_back = loaded is not None and loaded.rolls_back is not None
+    held = held or evidence.controller
     holds = held is not None and held.origin == digest and not state.offline
-    after = evidence.held("after")
-    if after is not None:
-        is_read = not (after.targets or after.declared or state.offline)
-        is_lost = held is not None and held.origin != after.origin
-        outlived = evidence.loaded_since or (is_read and is_lost)
-        if after.origin != digest or (outlived and not (is_lost and is_rolled_back)):
-            after = None
+    validated = _validated_set(evidence, digest, held)
     verdict = evaluation.validated("after")
     decision = "worse" if verdict.worse else verdict.decision
+    # targets are corrected for a controller that keeps, or was given back, the nominal set
     is_corrected = evidence.written is not None and evidence.written.by == "targets"
-    by_targets = (is_corrected or is_rolled_back) and not holds
+    is_for_targets = (is_corrected or _is_rolled_back(evidence)) and not holds
     return replace(
         state,
         holds=holds,
-        after=decision if after else "",
+        after=decision if validated else "",
         reasons="; ".join(verdict.reasons),
-        plain=after is not None and after.form is not None and not after.targets,
-        by_targets=by_targets and not (after and after.targets),
+        plain=validated is not None and validated.form is not None and not validated.targets,
+        by_targets=is_for_targets and not (validated and validated.targets),
     )
+
+
+def _validated_set(
+    evidence: Evidence, identified_digest: str, held: ControllerState | None
+) -> ControllerState | None:
+    """Return the set of the validation after calibration; None if that validation counts no more.
+
+    `held` is what the controller holds now; None: unknown.
+    """
+    validated = evidence.held("after")
+    # a validation of an earlier identification says nothing about this one
+    if validated is None or validated.origin != identified_digest:
+        return None
+    # With corrected targets, with a declared set and offline the validation did not read the
+    # identified set from the controller, so that the set that is held now cannot contradict it.
+    was_read = not (validated.targets or validated.declared or evidence.campaign.is_offline)
+    holds_another = held is not None and held.origin != validated.origin
+    is_out_of_date = evidence.loaded_since or (was_read and holds_another)
+    # a rollback followed from its validation, which stays the reason for it
+    if is_out_of_date and not (holds_another and _is_rolled_back(evidence)):
+        return None
+    return validated
+
+
+def _is_rolled_back(evidence: Evidence) -> bool:
+    """Return whether the latest load took an earlier one back."""
+    return evidence.loaded is not None and evidence.loaded.rolls_back is not None

@@ -84,7 +84,7 @@ def validation_answer(found: Validated) -> dict[str, object]:
         for requirement in verdict.requirements
     ]
     answer: dict[str, object] = {
-        "series": dict(found.whole.series),
+        "series": dict(found.stage_result.series),
         "decision": verdict.decision,
         "reasons": verdict.reasons,
         "held": found.evaluation.evidence.held(found.stage),
@@ -102,13 +102,13 @@ def show_validation(terminal: Terminal, found: Validated, campaign: Campaign) ->
     _show(terminal, found)
     if found.stage == "after" and found.evaluation.before is not None:
         show_gain(terminal, found.evaluation)
-    is_good = found.verdict.decision in {NO_LIMIT, "pass"} and found.otherwise is None
+    is_good = found.verdict.decision in {NO_LIMIT, "pass"} and found.differing_verdict is None
     terminal.conclude(validation_answer(found), tell_next(terminal, campaign), is_good=is_good)
 
 
 def _show(terminal: Terminal, found: Validated) -> None:
     """Show every figure with its uncertainty, and what was decided."""
-    stage, result, verdict = found.stage, found.whole, found.verdict
+    stage, result, verdict = found.stage, found.stage_result, found.verdict
     columns = tables.limits("")
     rows = texts(columns, verdict.requirements)
     further = result.further_figures_mm().items()
@@ -128,7 +128,7 @@ def _show(terminal: Terminal, found: Validated) -> None:
         says, style = "not good", DECISIONS[verdict.decision]
     for reason in verdict.reasons:
         terminal.say(f"{says}: {reason}", style)
-    if verdict.decision == "pass" and found.otherwise is None:
+    if verdict.decision == "pass" and found.differing_verdict is None:
         terminal.say("good: all specified limits are met, measurement uncertainty included", GOOD)
     campaign = found.campaign_verdict
     if campaign is not None and campaign.decision not in {verdict.decision} - {NO_LIMIT}:

@@ -1,17 +1,9 @@
 """Kinematics and parameter file of a controller that a person works by hand."""
 
-# Theory of operation
-#
-# A controller that speaks no protocol of ours is worked by hand: the program prints a target or a
-# table of parameters, a person types it into the controller, and types back what the display shows
-# (drivers/by_hand.py). Two things that a connected controller answers itself come from here:
-#
-# - Which parameters it holds. `HeldParameters` keeps them in a robot file in the campaign's folder.
-#   The file is replaced once the person has confirmed that all values are typed. Nothing reads
-#   the real controller, so a value that was typed wrongly is not noticed here.
-# - Which joints belong to a commanded pose. The controller moves to the pose by its own kinematics;
-#   `joints_of_pose` computes by the kept parameters where that must lead. The driver compares
-#   these joints with the display, and so notices parameters that were not typed as recorded.
+# A person types targets and parameters into such a controller, and types back what its display
+# shows (drivers/by_hand.py). `HeldParameters` keeps the typed parameters, as nothing reads them
+# from the controller: a wrongly typed value is not noticed here. The driver notices it: it compares
+# the joints on the display with those that `joints_of_pose` computes by the kept parameters.
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -72,8 +64,7 @@ def joints_of_pose(
     assembled at the pose.
     """
     row = pose_row(pose)
-    # without a direction of approach: no one types the way by which each joint arrives, so the
-    # reading is that of the middle of the backlash
+    # without a direction of approach, which no one types: in the middle of the backlash
     solution = Kinematics.of(mechanism, parameters).inverse(row[None])
     if not solution.is_solved.all():
         texts = (axis.text(value, ".3f") for axis, value in zip(mechanism.task, row, strict=True))

@@ -1,11 +1,8 @@
 """State of a controller: which parameter set it holds, by the sets in the journal."""
 
-# A controller returns numbers, not names. The journal has every set that may be in it: the nominal
-# one, all that were identified, and all that were exported or loaded. `KnownSets` finds the set
-# that the numbers belong to, by the tolerance of a read-back (load.py), and says by its digest
-# what it is: nominal, identified, a reduced form of an identified one, or none of these. Digests
-# are sha256 of exact values; a controller that keeps a length in other units returns it rounded.
-# Numbers are therefore first replaced by the matching set, and only then by its digest.
+# A controller returns numbers, not names. Digests are sha256 of exact values, while a controller
+# that keeps a length in other units returns it rounded. So numbers are first replaced by the
+# matching set of the journal, by the tolerance of a read-back (load.py), and then by its digest.
 
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -81,8 +78,7 @@ class KnownSets:
         forms: dict[str, ReducedForm] = {}
         sets = {nominal.digest(): nominal.parameters}
         for finding in findings:
-            # One finding of an older version must not hide all others: the sets that can be read
-            # are enough to name what the controller holds.
+            # one finding of an older version must not hide all others
             with suppress(FindingUnreadable, ConfigInvalid, ValidationError, KeyError):
                 if finding.kind == "identification":
                     identification = read_identification(finding.body)

@@ -1,20 +1,14 @@
 """Corrected targets: poses to command to a controller that keeps its nominal parameters."""
 
-# Theory of operation
-#
 # Many controllers take no parameters. Their own model K0 stays nominal, and it alone turns a
 # commanded pose into joints. To bring the real robot, identified as K, to a wanted pose x:
 #
 #     q  = inverse(K, x)     the joints at which the real robot stands at x
 #     x' = forward(K0, q)    the pose for which the controller computes those joints
 #
-# The program then commands x' instead of x. The correction is exact at the targets, whatever the
-# two models differ in, and it includes what no parameter of K0 can express: tilts, gear errors and
-# backlash. It holds at the targets only: between two of them the controller moves by K0, so the
-# path is no better than before. Limits are judged at q with the real robot's model, because x' may
-# lie outside a workspace in which q is still possible, or inside it while q is not.
-# Backlash depends on the direction from which each joint arrives. It is taken from the sequence of
-# targets: the joints are assumed to reverse at targets only.
+# The program then commands x' instead of x. The correction is exact at the targets, also for what
+# no parameter of K0 can express: tilts, gear errors and backlash. Between two targets the
+# controller moves by K0, so the path is no better than before.
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -67,8 +61,7 @@ class TargetCorrection:
         joints = self.identified.inverse(wanted, approach)
         is_solved = joints.is_solved.copy()
         values = np.full_like(wanted, np.nan)
-        # the wanted pose is the starting point of the nominal robot's iteration: it is close, and
-        # so selects the assembly that the real robot has
+        # iteration from the wanted pose selects the assembly that the real robot has
         poses = self.nominal.forward(joints.values[is_solved], wanted[is_solved])
         values[is_solved] = poses.values
         is_solved[is_solved] = poses.is_solved
@@ -79,8 +72,6 @@ class TargetCorrection:
 
         `place` returns the name of a row, for the message.
         """
-        # three conditions: the real robot's limits at its own joints, an assembly of the
-        # controller's model at these joints, and the space that the user restricted
         judged = self.identified.feasibility(self.limits, wanted)
         is_possible = judged.feasible & self.commanded(wanted).is_solved
         is_possible &= (self.space.clearance_mm(wanted[:, :3]) >= -ROUNDING_MM).all(axis=1)
@@ -112,9 +103,6 @@ class CorrectedFile:
     """Largest 1 σ of a corrected position; None if unknown."""
 
 
-# 1. read the rows; 2. refuse the file at the first pose that the robot cannot take, before anything
-# is written; 3. take the direction of arrival from the order of the rows; 4. correct all poses at
-# once; 5. write wanted and commanded values side by side, so that the file shows its own effect.
 def correct_poses(text: str, name: str, correction: TargetCorrection) -> CorrectedFile:
     """Correct the wanted poses of a CSV file's text, and return the text of the corrected file.
 
@@ -139,7 +127,6 @@ def correct_poses(text: str, name: str, correction: TargetCorrection) -> Correct
     commanded = correction.commanded(wanted, correction.approach(wanted)).values_or_raise()
     sizes_mm = np.linalg.norm(commanded[:, :3] - wanted[:, :3], axis=1)
     std_mm = correction.std_mm(wanted)
-    # a robot that does not turn its plate has no column of rotations
     turns = [column for column, axis in enumerate(task) if axis.is_revolute]
     turns_deg = np.degrees(commanded - wanted)[:, turns]
     further = np.column_stack([sizes_mm, turns_deg, std_mm]).tolist()

@@ -1,12 +1,8 @@
 """Export: identified parameters as a robot file, with their 1 σ and their provenance."""
 
 # An exported file has to be trusted later, by `load` and by people, without the campaign at hand.
-# So it states where its parameters come from: campaign, nominal robot, plan and journal by their
-# digests, the residuals and the verdict. Only an identification that passed is exported, and only
-# for the nominal robot that it was made with: a change of the nominal file changes what the held
-# parameters are, and so the meaning of the identified ones.
-# The journal records what was written (`WrittenSet`). An import of shots that others measured names
-# the file that was in the controller, and sha256 recognises the file among the written ones.
+# So it states where its parameters come from, and only an identification that passed is exported,
+# for the nominal robot that it was made with: held parameters keep the values of the nominal file.
 
 from collections.abc import Iterator
 from contextlib import suppress

@@ -66,7 +66,6 @@ def hal_text(robot: RobotFile, identity: str) -> str:
         "Set these pins only while the machine is off: with power, the joints would jump.",
     ]
     values = dict(robot.parameters) | drawing_flat(robot.mechanism)
-    # backlashes are comments of the heading (see above)
     for name in robot.mechanism.parameters.select(group="backlash"):
         values.pop(name, None)
     settings = [f"setp {pin_of(name)} {number_text(value)}" for name, value in values.items()]

@@ -1,22 +1,13 @@
 """Loading of parameters into a controller: verified in the controller, or the old ones are back."""
 
-# Theory of operation
-#
 # A robot that moves by half-written parameters goes to wrong places. A load is therefore a
-# transaction. workflow/loading.py runs its steps, and writes beginning and end into the journal:
-#
-# 1. Read what the controller holds, and back it up as a robot file (`keep`). Only then is there
-#    something to return to if the program dies while it writes.
-# 2. Write the new set in one command. The controller takes all of it or none.
-# 3. Connect again and read back. A new connection is used because a controller may answer from
-#    the memory of the old one what it never stored. An error while writing decides nothing: the
-#    answer may be lost of a command that took effect. What is read back decides.
-# 4. If a value differs, write the old set back and verify it in the same way. The error says which
-#    set is in the controller, or that no one knows, and then what not to do: move the robot.
-# 5. Optionally measure pairs before and after; if they became worse, put the old set back.
-#
-# A refusal (`DeviceRefused`) is the one error that needs no read-back: the controller understood
-# the command and kept what it had.
+# transaction, whose steps workflow/loading.py runs and records:
+# 1. Back up what the controller holds, as a robot file (`keep`).
+# 2. Write the new set in one command.
+# 3. Connect again and read back: a controller may answer from the memory of the old connection what
+#    it never stored. What is read back decides, as the answer to a command may be lost that took
+#    effect. Only a refusal (`DeviceRefused`) says that the controller kept what it had.
+# 4. If a value differs, write the old set back and verify it in the same way.
 
 import math
 from collections.abc import Mapping
@@ -178,8 +169,7 @@ def keep(folder: Path, nominal: RobotDocument, held: Mapping[str, float]) -> Pat
 
     Return its path. Raise `ConfigInvalid`, `WriteFailed`.
     """
-    # one more than the largest number: backups are never overwritten, and a gap is not filled, so
-    # that numbers follow the order of the loads
+    # one more than the largest number: a gap is not filled, so that numbers follow the loads' order
     numbers = (path.stem.rpartition("-")[2] for path in folder.glob(KEPT.format(number="*")))
     number = 1 + max((int(each) for each in numbers if each.isdecimal()), default=0)
     path = folder / KEPT.format(number=number)

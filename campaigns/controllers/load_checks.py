@@ -1,11 +1,8 @@
 """Checks of a robot file before it is loaded: its origin, its verdict and the size of its changes.
 
-Every objection can be overruled by `--force`, but not silently.
+Objections are collected, so that an operator sees all of them in one line. `--force` overrules
+them, and the journal keeps those that it overruled.
 """
-
-# Objections are collected, not raised one by one: an operator sees all of them in one line, and the
-# journal keeps those that were overruled. Two conditions are errors instead, because no force
-# makes them sensible: a set of another mechanism, and parameters that the controller lacks.
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

@@ -7,13 +7,10 @@
 #   load failed   the controller holds what it held before
 #
 # A `load begun` that neither of the others follows is a load without an end: the process died, or
-# the outcome was unknown. The next command that reads the controller compares its parameters with
-# the two recorded sets (`Load.holding`) and writes the missing end (`settle`). A mixture of both
-# stays without an end, until a load or a rollback replaces it.
-#
+# the outcome was unknown. The next load or validation compares the controller's parameters with
+# both recorded sets, and writes the missing end (`settle`). A mixture stays without an end.
 # Effective loads form a stack: a rollback removes the load that it names and all later ones. The
-# stack begins again at a load that cannot be undone: an unreadable one, or one of a version that
-# wrote no beginning, because its backup is then unknown.
+# stack begins again at a load that cannot be undone: an unreadable one, or one without a beginning.
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace

@@ -1,17 +1,9 @@
 """Projection: the plain parameters of a controller that come nearest to an identified robot."""
 
-# Theory of operation
-#
-# Every controller of a mechanism has its plain geometry: lengths, places and joint offsets. Few
-# have the tilts, skews and gear errors that an identification also finds. Leaving these out is not
-# the best that the plain parameters can do: they can take over a part of the effect.
-#
-# In: the identified model and poses all over the workspace. At the joints that the identified
-# model has at these poses, the plain model puts the plate somewhere else. The projection minimises
-# the mean square of these errors of position (Gauss-Newton, all poses with equal weight).
-# Out: the plain model, and by `position_errors` what it still loses, which export, load and report
-# state in the same words.
-#
+# Few controllers have the tilts, skews and gear errors that an identification also finds. Plain
+# parameters (lengths, places, joint offsets) can take over a part of their effect: the projection
+# takes the joints of the identified model at poses all over the workspace, and minimises the mean
+# square of the position errors that the plain model has at these joints.
 # The controller's base frame may be placed freely by its user. So each error is taken after the
 # best rigid fit of the two sets of points, and the derivatives have every motion of the frame
 # removed: otherwise parameters would be spent on imitating a shift of the frame.
@@ -70,11 +62,8 @@ def project_plain(identified: Kinematics, poses: Array) -> Kinematics:
     p = identified.p.copy()
     p[len(mechanism.parameters.names) :] = 0.0
     # Held as identified: parameters that only place the base frame, and the directions of arms and
-    # rails. An upright rail that leans a little aside is also one of quite another azimuth that
-    # leans a little, so its azimuth would be fitted to any angle.
+    # rails. The azimuth of an upright rail that leans a little would be fitted to any angle.
     free = mechanism.parameters.places(mechanism.free_by_paper)
-    # Gauss-Newton without a step control: errors are small against the lengths, so the linear
-    # model holds and a few rounds end the search.
     for _ in range(MOST_ROUNDS):
         controller = Kinematics(mechanism, p)
         reached = controller.forward(joints, poses)

@@ -16,6 +16,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, ClassVar, TypeVar, get_args
@@ -209,6 +210,8 @@ def read_document(path: Path, *, if_missing: str) -> YamlDocument:
     return parse_document(read_text(path, ConfigInvalid, if_missing=if_missing), str(path))
 
 
+# A command reads its campaign's files several times, and parsing takes tens of milliseconds each.
+@lru_cache(maxsize=16)
 def parse_document(text: str, name: str) -> YamlDocument:
     """Read a YAML text that must be a mapping."""
     tree = _load(text, name)

@@ -13,7 +13,7 @@
 #
 # Only then are the shots appended to the journal, as a finished series in one commit.
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -25,10 +25,8 @@ from campaigns.controllers.export import FILE_NAME, WrittenSet, written_sets
 from campaigns.controllers.load_checks import read_parameter_file
 from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.evaluation.plausibility import check_distances, check_shots
-from campaigns.evaluation.validation import SET_OF
 from campaigns.evidence import STAGES
 from campaigns.journal.records import Finding, Stage
-from campaigns.journal.views import Series
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.options import ValidationStage
 from campaigns.robots.reduced_form import form_of
@@ -38,7 +36,7 @@ from campaigns.shots.point_words import LengthUnit
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, time_order
 from campaigns.workflow import validation
-from campaigns.workflow.work import known_sets
+from campaigns.workflow.work import all_series, known_sets
 from drivers.bounded_files import is_there
 from drivers.values import Vector3
 
@@ -152,47 +150,66 @@ def import_validation(
         OptionsInvalid: The set is wrong for the stage, or its tests were measured already.
     """
     terms = terms or ImportTerms()
-    name, anyway = terms.name, terms.anyway
-    robot, settings = campaign.robot, campaign.config.model_dump(mode="json")
-    tests = set(SET_OF.values())
-    for place, row in enumerate(rows, start=1):
-        if row.purpose not in tests:
-            raise ShotsInvalid(
-                f"{name}: shot {place} of the file is of the set {row.purpose.value}, which is no "
-                "test of a validation",
-                remedy=f"give one of {', '.join(sorted(each.value for each in tests))}",
-            )
-    by_targets = held.by == "targets" and stage == "after"
-    state = known_sets(campaign).state(held.digest)
-    # with corrected targets a controller holds the nominal set: `held` names the correcting one
-    wrong = None if by_targets else validation.wrong_state(campaign, state, stage)
-    if wrong is not None:
-        remedy = "say what it held by --robot FILE; --force takes them in as they are"
-        wrong = OptionsInvalid(wrong.problem, remedy=remedy)
-    replaced = validation.replaced(campaign, stage, frozenset(row.purpose for row in rows))
-    if replaced is not None:
-        remedy = "keep them and go on; --force takes these in their place"
-        replaced = OptionsInvalid(replaced.problem, remedy=remedy)
-    objections = (replaced, wrong)
-    # objections first, as the shots take long to check; recorded only once the shots are good
-    if not anyway:
-        validation.require_or_record(campaign, objections, anyway=False)
-    _check(campaign, rows, terms, STAGES[stage] if anyway else set())
-    validation.require_or_record(campaign, objections, anyway=anyway)
-    kinematics, order = Kinematics.of(robot.mechanism, held.wanted), _order(rows, terms)
+    settings = campaign.config.model_dump(mode="json")
+    _require_tests(rows, terms.name)
+    # 1. Objections that consent overrules come before the check of the shots, which takes long.
+    objections = tuple(_objections(campaign, rows, stage, held))
+    if objections and not terms.anyway:
+        raise objections[0]
+    # 2. What no consent overrules: copies, and shots of another robot.
+    _check(campaign, rows, terms, STAGES[stage] if terms.anyway else set())
+    # 3. An overruled objection is recorded only now: shots that are refused change nothing.
+    validation.require_or_record(campaign, objections, anyway=True)
+    # 4. Write the shots and judge them.
+    kinematics, order = Kinematics.of(campaign.robot.mechanism, held.wanted), _order(rows, terms)
+    recorded_form = known_sets(campaign).state(held.digest).form
     with campaign.journal() as journal:
         # a form from a file that older software exported: its loss is not in the journal yet
-        if held.projection is not None and state.form is None:
+        if held.projection is not None and recorded_form is None:
             journal.append(Finding("export", asdict(held)))
         imported = ImportedSeries(
             held.digest,
             settings,
             terms.files,
-            stage="after by targets" if by_targets else stage,
+            stage="after by targets" if _is_by_targets(held, stage) else stage,
             declared=held.file,
         )
         series = append_import(journal, rows, kinematics, imported, order)
         return validation.record_validation(campaign, journal, series, stage, held.by)
+
+
+def _require_tests(rows: Sequence[ShotRow], name: str) -> None:
+    """Raise `ShotsInvalid` for the first shot that is of no test of a validation."""
+    for place, row in enumerate(rows, start=1):
+        if row.purpose not in validation.TESTS:
+            tests = ", ".join(sorted(test.value for test in validation.TESTS))
+            raise ShotsInvalid(
+                f"{name}: shot {place} of the file is of the set {row.purpose.value}, which is no "
+                "test of a validation",
+                remedy=f"give one of {tests}",
+            )
+
+
+def _is_by_targets(held: WrittenSet, stage: ValidationStage) -> bool:
+    """Return whether a stage was measured at targets that were corrected with the set."""
+    return held.by == "targets" and stage == "after"
+
+
+def _objections(
+    campaign: Campaign, rows: Sequence[ShotRow], stage: ValidationStage, held: WrittenSet
+) -> Iterator[OptionsInvalid]:
+    """Yield the objections to a validation's import: tests measured already, and a wrong set."""
+    tests = frozenset(row.purpose for row in rows)
+    if replaced := validation.replaced(campaign, stage, tests):
+        remedy = "keep them and go on; --force takes these in their place"
+        yield OptionsInvalid(replaced.problem, remedy=remedy)
+    # with corrected targets a controller holds the nominal set: `held` names the correcting one
+    if _is_by_targets(held, stage):
+        return
+    state = known_sets(campaign).state(held.digest)
+    if wrong := validation.wrong_state(campaign, state, stage):
+        remedy = "say what it held by --robot FILE; --force takes them in as they are"
+        yield OptionsInvalid(wrong.problem, remedy=remedy)
 
 
 def replaced_import(
@@ -202,7 +219,7 @@ def replaced_import(
 
     `name` is the source's, for the message.
     """
-    earlier = [series for series in _measured(campaign) if series.to_identify]
+    earlier = [series for series in all_series(campaign) if series.to_identify]
     if not earlier or not any(row.purpose.on_robot for row in rows):
         return None
     return OptionsInvalid(
@@ -212,14 +229,6 @@ def replaced_import(
         remedy="--force takes them in its place; to use both, import one file with all shots "
         "and a column session, 1 or 2, for the tracker's stations",
     )
-
-
-def _measured(campaign: Campaign) -> tuple[Series, ...]:
-    """Return all series of the journal; () without a journal."""
-    if not campaign.journal_path.exists():
-        return ()
-    with campaign.journal_reader() as journal:
-        return journal.series()
 
 
 def _order(rows: Sequence[ShotRow], terms: ImportTerms) -> Index | None:
@@ -253,7 +262,7 @@ def _check(
     name = terms.name
     counting = (
         series
-        for series in _measured(campaign)
+        for series in all_series(campaign)
         if not series.started.imported
         or (series.finished and series.started.stage not in replacing)
     )

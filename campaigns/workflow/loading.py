@@ -8,9 +8,9 @@
 # of the set. 5. Show the changes and ask. 6. From here on signals only set a flag: back up, write
 # `load begun`, write the controller, read back, write `load` or `load failed`.
 #
-# With --verify the same pairs are measured before and after 6. Whatever ends the second
-# measurement, the old parameters are put back. There is one exception: a robot that may still be
-# moving (`RobotStateUnknown`) is written nothing, because new parameters would change its motion.
+# With --verify the same pairs are measured before the backup and after the read-back. Whatever ends
+# the second measurement, the old parameters are put back, with one exception: to a robot that may
+# still be moving (`RobotStateUnknown`) nothing is written, as this would change its motion.
 #
 # A rollback is the same transaction with the backup of the latest effective load as its file.
 

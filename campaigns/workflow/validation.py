@@ -27,7 +27,7 @@ from campaigns.errors import LoadNotVerified, OptionsInvalid
 from campaigns.evaluation import validation
 from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.evaluation.verdict import CampaignVerdict, ValidationVerdict
-from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.evidence import Evaluation, counted_series, evaluate
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, Finding, Stage
 from campaigns.measuring.run_state import SILENT, RunObserver, Wishes
@@ -42,7 +42,7 @@ from campaigns.shots.shots import shots_of_journal
 from campaigns.workflow.correction import identified_set
 from campaigns.workflow.identification import identification_options
 from campaigns.workflow.running import known_shots
-from campaigns.workflow.work import engine_work, known_sets
+from campaigns.workflow.work import all_series, engine_work, known_sets
 
 FORCE_MEASURES = "--force measures it all the same"
 VerificationStage = Literal["verify before", "verify after"]
@@ -65,7 +65,7 @@ class Validated:
     evaluation: Evaluation
 
     @property
-    def whole(self) -> validation.ValidationResult:
+    def stage_result(self) -> validation.ValidationResult:
         """Figures of the stage: of each test the latest."""
         evaluation = self.evaluation
         return (evaluation.before if self.stage == "before" else evaluation.after) or self.result
@@ -81,11 +81,12 @@ class Validated:
         return self.evaluation.verdict if self.stage == "after" else None
 
     @property
-    def otherwise(self) -> CampaignVerdict | None:
+    def differing_verdict(self) -> CampaignVerdict | None:
         """Verdict on the campaign if it differs from the stage's verdict, else None."""
-        whole = self.campaign_verdict
-        is_alike = whole is None or whole.decision in {self.verdict.decision, NO_LIMIT}
-        return None if is_alike else whole
+        of_campaign = self.campaign_verdict
+        if of_campaign is None or of_campaign.decision in {self.verdict.decision, NO_LIMIT}:
+            return None
+        return of_campaign
 
 
 def validation_work(
@@ -249,12 +250,12 @@ def replaced(
     # calibration gained, and after a rollback the robot may no longer be in that state.
     if stage == "after":
         return None
-    finished = [measured for measured in gather(campaign).before if measured.series.finished]
+    finished = [series for series in counted_series(all_series(campaign), stage) if series.finished]
     measured = {
-        name: validated.series.number
+        name: series.number
         for name, test in validation.SET_OF.items()
-        for validated in finished
-        if test in tests and test in validated.shots.purposes
+        for series in finished
+        if test in tests and any(shot.intent.purpose == test.value for shot in series.shots)
     }
     if not measured:
         return None
@@ -270,17 +271,17 @@ def require_or_record(
     campaign: Campaign, objections: Iterable[OptionsInvalid | None], *, anyway: bool
 ) -> None:
     """Raise the first objection to a stage; with `anyway` write all of them into the journal."""
-    wrongs = [objection for objection in objections if objection is not None]
-    if wrongs and not anyway:
-        raise wrongs[0]
-    for wrong in wrongs:
-        with campaign.journal() as journal:
-            record_objection(journal, wrong)
+    for objection in objections:
+        if objection is not None and not anyway:
+            raise objection
+        if objection is not None:
+            with campaign.journal() as journal:
+                record_objection(journal, objection)
 
 
-def record_objection(journal: Journal, wrong: OptionsInvalid) -> None:
+def record_objection(journal: Journal, objection: OptionsInvalid) -> None:
     """Write an overruled objection into the journal."""
-    journal.append(Event("wrong stage", f"measured all the same: {wrong.problem}"))
+    journal.append(Event("wrong stage", f"measured all the same: {objection.problem}"))
 
 
 def validate(

@@ -13,6 +13,7 @@ from campaigns.controllers.controller_state import KnownSets
 from campaigns.errors import ConfigInvalid
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Finding, Stage
+from campaigns.journal.views import Series
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.measuring.monitors import Station
 from campaigns.measuring.work import Work
@@ -27,6 +28,14 @@ def known_sets(campaign: Campaign) -> KnownSets:
         return KnownSets.of(campaign.robot, ())
     with campaign.journal_reader() as journal:
         return KnownSets.of(campaign.robot, (each.record for each in journal.records_of(Finding)))
+
+
+def all_series(campaign: Campaign) -> tuple[Series, ...]:
+    """Return all series of the campaign's journal; () without a journal."""
+    if not campaign.journal_path.exists():
+        return ()
+    with campaign.journal_reader() as journal:
+        return journal.series()
 
 
 def engine_work(

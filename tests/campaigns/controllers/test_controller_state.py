@@ -87,9 +87,9 @@ def test_a_form_of_another_identification_is_none_of_this_one(plain: Evaluation)
     ]
     assert other.verdict.decision == "not decided"
     assert other.validated("after").decision == "pass"
-    assert Validated("after", plain.after, other).otherwise.decision == "not decided"
-    assert Validated("after", plain.after, plain).otherwise is None
-    assert Validated("before", plain.before, other).otherwise is None
+    assert Validated("after", plain.after, other).differing_verdict.decision == "not decided"
+    assert Validated("after", plain.after, plain).differing_verdict is None
+    assert Validated("before", plain.before, other).differing_verdict is None
 
 
 def test_sets_are_recognised_by_digests_and_after_rounding(shared_paper, plain) -> None:

@@ -172,7 +172,7 @@ def test_what_was_measured_before_is_replaced_only_with_consent(
         assert run_command(words) == code
         assert "in its place. Measure it again? [y/N]" in capsys.readouterr().err
     both = imported(paper, "before", others)
-    assert both.whole.distances.mean.value_mm == first, "other tests are no replacement"
+    assert both.stage_result.distances.mean.value_mm == first, "other tests are no replacement"
     evaluation = imported(paper, "before", pairs[2:], anyway=True).evaluation
     assert len(evaluation.before.distances.pairs) == len(pairs) // 2 - 1
     events = [each.text for each in evaluation.evidence.journal.incidents]
