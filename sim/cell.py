@@ -1,4 +1,19 @@
-"""A scenario come alive as a cell, and its memory over restarts: parameters, places, counts."""
+"""A scenario come alive as a cell, and its memory over restarts: parameters, places, counts.
+
+A `Cell` is the simulated world of one campaign. A scenario and a seed come in, perhaps with the
+memory that an earlier process left; encoder readings and measured points go out:
+
+1. `factory` draws the true robot, as its manufacture and its gears turned out;
+2. the robot stands where its controller takes the start pose to be, or where the memory says;
+3. the controller moves encoders (robot/controller.py), gears, play, weight and warmth make joints
+   of their readings (robot/driven_robot.py), and the rods place the plate (robot/rods.py);
+4. the tracker looks at the reflector there from its station, and measures with noise (tracker/).
+
+No equation is shared with the estimator: `campaigns.kinematics` closes one contracted forearm an
+arm, by squares of distances; here each single rod is closed by its own length, and the controller's
+inverse is a third way, by triangles (robot/assembly.py). An error of sign or of order would have to
+be made twice to go unseen. `sim` imports no code of `campaigns`; an import contract holds that.
+"""
 
 import json
 import math
@@ -13,7 +28,7 @@ from sim import factory
 from sim.errors import AssemblyLost, ScenarioInvalid, SimError
 from sim.faults import FaultScript
 from sim.geometry import KINDS, Array, Geometry, geometry_of, problem_with
-from sim.random_streams import Attempts, WorkedTime
+from sim.random_streams import Attempts, Purpose, WorkedTime
 from sim.robot.assembly import Assembly, OutOfReach, assemble, follow, joints_for, restore
 from sim.robot.controller import SimulatedController
 from sim.robot.driven_robot import DrivenRobot, Standing
@@ -22,18 +37,18 @@ from sim.robot.transmission import Transmission
 from sim.scenarios.schema import Scenario
 from sim.section import Point
 from sim.tracker.beam import Beam, Scene, Target
-from sim.tracker.instrument import SimulatedTracker, TakenShot
+from sim.tracker.instrument import SimulatedTracker, TakenShot, TrackerState
 
 SCHEMA: Literal["pkmcal/cell-memory/1"] = "pkmcal/cell-memory/1"
 REMEDY = "delete the simulated cell's memory to begin with a new cell"
 NEST = "nest "
 """Before the names of nests, so that none is called as another target."""
 REMEMBERED_WITHIN_MM = 0.1
-"""Distance beyond any growth of the arms since the robot came to rest."""
+"""Distance of the plate beyond what the arms can have grown since the robot came to rest."""
 
 
 class CellMemory(BaseModel):
-    """State of a cell beyond what its scenario and seed already say."""
+    """State of a cell that does not follow from its scenario and seed."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -44,7 +59,7 @@ class CellMemory(BaseModel):
     mechanism: str = "par4"
     geometry: dict[str, float]
     encoders_rad: tuple[float, ...]
-    """Of carriages mm, here and in `play_rad` and `joints`."""
+    """Encoder readings, rad; of carriages mm, also in `play_rad` and `joints`."""
     play_rad: tuple[float, ...]
     joints: tuple[float, ...]
     plate: tuple[float, ...]
@@ -52,17 +67,18 @@ class CellMemory(BaseModel):
     arrivals: dict[str, int]
     shots: dict[str, int]
     attempts_before: int = 0
-    """From which arrivals and shots are counted, so that another cell's are not drawn again."""
+    """Number after which attempts are counted, to draw no noise of an earlier cell again."""
     fault_counts: dict[str, int]
     tracker_initialised: bool
     tracker_warm: bool
     selected_reflector: int
     beam_on: str | None
     taken: tuple[TakenShot, ...] = ()
-    """What the tracker reported, as it really was; memories from before have none."""
+    """Shots that the tracker reported, with the truth; memories of older versions have none."""
 
     @model_validator(mode="after")
     def _geometry_is_a_robot(self) -> Self:
+        # a memory is a file that may have been edited: all sizes are checked before arrays are made
         kind = KINDS.get(self.mechanism)
         if kind is None:
             raise ValueError(f"mechanism '{self.mechanism}' is not known")
@@ -76,21 +92,21 @@ class CellMemory(BaseModel):
 
 
 def remembered(memory: Mapping[str, object], *, scenario: str, mechanism: str) -> CellMemory:
-    """Check what was remembered; raises `SimError`."""
+    """Check a memory and return it; raises `SimError` if it is damaged or another cell's."""
     try:
-        found = CellMemory.model_validate_json(json.dumps(memory))
+        past = CellMemory.model_validate_json(json.dumps(memory))
     except (ValidationError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
         raise SimError(f"the cell's memory is damaged: {reason}", remedy=REMEDY) from error
-    if found.scenario != scenario:
+    if past.scenario != scenario:
         raise SimError(
-            f"the cell's memory is of scenario '{found.scenario}', not '{scenario}'", remedy=REMEDY
+            f"the cell's memory is of scenario '{past.scenario}', not '{scenario}'", remedy=REMEDY
         )
-    if found.mechanism != mechanism:
+    if past.mechanism != mechanism:
         raise SimError(
-            f"the cell's memory is of a {found.mechanism}, not a {mechanism}", remedy=REMEDY
+            f"the cell's memory is of a {past.mechanism}, not a {mechanism}", remedy=REMEDY
         )
-    return found
+    return past
 
 
 class Cell:
@@ -118,6 +134,8 @@ class Cell:
         self.seed = _agreed_seed(scenario, seed, past)
         self.true_geometry = factory.true_geometry(section, self.seed)
         truth = geometry_of(self.true_geometry, kind)
+        # All draws of manufacture are made again in each process: the seed keeps the robot, and
+        # the memory holds only what has happened to it.
         rods = RodMechanism(truth, factory.build_of(section, truth, self.seed))
         behaviour = factory.behaviour(section, self.seed)
         self._state = state = (
@@ -127,17 +145,17 @@ class Cell:
             if past is None
             else past
         )
+        # one worked time for all parts: robot, air and stand drift with the sum of their work
         self._worked = WorkedTime(state.worked_s)
-        self.faults = FaultScript((each.fault() for each in scenario.faults), state.fault_counts)
+        self.faults = FaultScript((f.fault() for f in scenario.faults), state.fault_counts)
         self.station = scenario.tracker.station.pose()
         self.robot = DrivenRobot(
             rods,
             behaviour,
             factory.mount(section, self.station),
             _standing(state, rods, section.thermal.growth(state.worked_s)),
-            seed=self.seed,
             worked=self._worked,
-            arrivals=Attempts(state.arrivals, state.attempts_before),
+            arrivals=self._attempts(Purpose.ARRIVAL, state.arrivals),
         )
         self.controller = SimulatedController(
             scenario.controller,
@@ -145,25 +163,25 @@ class Cell:
             geometry=state.geometry,
             faults=self.faults,
             worked=self._worked,
-            kind=kind,
-            plate=factory.known_plate(scenario, self.true_geometry),
-            ripple_rate=factory.known_ripple_rate(scenario),
+            kinematics=factory.controller_kinematics(scenario, self.true_geometry),
         )
         self._scene = Scene(self.controller, self.robot)
         self.tracker = self._tracker(state)
 
     def true_reflector_mm(self, now_s: float) -> Array:
-        """Return (3,): where the reflector really is, in the base frame. A back door for tests."""
+        """Return the reflector's true place (3,) in the base frame. A back door for tests."""
         return self._scene.robot_reflector(now_s).point_mm
 
     def advance(self, now_s: float) -> None:
-        """Let happen what is due by now."""
+        """Carry out what is due by now."""
+        # the controller carries out what is due when it is asked for its state
         self.controller.state(now_s)
         self.tracker.advance(now_s)
 
     def memory(self) -> dict[str, object]:
         """Return the state for the next cell of this scenario, as plain values for JSON."""
         standing = self.robot.standing
+        # true geometry, rods and gears are not in it: the seed draws them again
         now = {
             "worked_s": self._worked.seconds,
             "geometry": self.controller.geometry(),
@@ -183,11 +201,15 @@ class Cell:
         }
         return self._state.model_copy(update=now).model_dump(mode="json", by_alias=True)
 
+    def _attempts(self, purpose: Purpose, counts: Mapping[str, int]) -> Attempts:
+        return Attempts(self.seed, purpose, counts, self._state.attempts_before)
+
     def _tracker(self, state: CellMemory) -> SimulatedTracker:
         section = self.scenario.tracker
         standing = {NEST + nest.name: np.array(nest.place_mm) for nest in section.nests}
         if (other := section.other_reflector_mm) is not None:
             standing[Target.STANDING] = np.array(other)
+        # cached: by identity `Beam` finds out whether the stand has crept since its last look
         pose = lru_cache(maxsize=1)(section.station.pose)
         beam = Beam(
             self._scene,
@@ -198,23 +220,27 @@ class Cell:
         )
         return SimulatedTracker(
             section,
-            self._scene,
             beam,
-            initialised=state.tracker_initialised,
-            warm=state.tracker_warm,
-            selected=state.selected_reflector,
-            seed=self.seed,
+            TrackerState(
+                is_initialised=state.tracker_initialised,
+                is_warm=state.tracker_warm,
+                selected_reflector=state.selected_reflector,
+                taken=state.taken,
+            ),
             faults=self.faults,
             worked=self._worked,
-            attempts=Attempts(state.shots, state.attempts_before),
-            taken=state.taken,
+            attempts=self._attempts(Purpose.SHOT, state.shots),
         )
 
 
 def _first_state(
     scenario: Scenario, seed: int, rods: RodMechanism, truth: Geometry, gears: Transmission
 ) -> CellMemory:
-    """Return a new cell's state: the true robot where its controller takes the start pose to be."""
+    """Return the state of a new cell.
+
+    The true robot stands at the encoder readings that its controller computes for the start pose,
+    and therefore, by all its errors, beside that pose.
+    """
     start, tracker, kind = scenario.controller.start, scenario.tracker, scenario.robot.kind
     position_mm = np.array([start.x_mm, start.y_mm, start.z_mm])
     theta_rad = math.radians(start.theta_deg)
@@ -223,6 +249,8 @@ def _first_state(
     try:
         wanted = joints_for(geometry_of(geometry, kind), position_mm, theta_rad)
         encoders = np.round(wanted / step) * step
+        # the assembly is found from the true robot at the start pose, which is close, and then
+        # followed to the joints where its gears stand: so it cannot be another assembly of them
         near = assemble(rods, truth, position_mm, theta_rad)
         assembly = follow(rods, near, gears.joints(encoders))
     except (OutOfReach, AssemblyLost) as error:
@@ -253,7 +281,7 @@ def _first_state(
 
 
 def _agreed_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) -> int:
-    """Return the seed asked for, the one remembered, or the scenario's."""
+    """Return the seed asked for, the remembered one, or the scenario's, in this order."""
     if past is None:
         return scenario.seed if seed is None else seed
     if seed is not None and seed != past.seed:
@@ -263,16 +291,18 @@ def _agreed_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) 
 
 def _standing(state: CellMemory, rods: RodMechanism, growth: Growth) -> Standing:
     """Restore the standing to the last bit, so that everything goes on unchanged."""
+    # The assembly is solved only to check the memory and to find its side. The plate itself stays
+    # the remembered one: a second solution would differ from it in the last bits.
     joints, plate = np.array(state.joints), Plate(np.array(state.plate))
     try:
-        found = restore(rods, joints, plate, growth)
+        assembly = restore(rods, joints, plate, growth)
     except AssemblyLost as error:
         raise SimError(f"the cell's memory is damaged: {error.problem}", remedy=REMEDY) from error
-    if np.abs(found.plate.unknowns - plate.unknowns).max() > REMEMBERED_WITHIN_MM:
+    if np.abs(assembly.plate.unknowns - plate.unknowns).max() > REMEMBERED_WITHIN_MM:
         raise SimError("the cell's memory is damaged: its plate is elsewhere", remedy=REMEDY)
     return Standing(
         np.array(state.encoders_rad),
         np.array(state.play_rad),
-        Assembly(joints, plate, found.side),
+        Assembly(joints, plate, assembly.side),
         np.array(state.displaced_mm),
     )

@@ -4,7 +4,7 @@ from drivers.errors import ExplainedError
 
 
 class SimError(ExplainedError):
-    """Server that could not start or broke, memory of another cell, or any of the errors below."""
+    """Server that could not start or broke, memory of another cell, or a class below."""
 
 
 class ScenarioInvalid(SimError):
@@ -14,7 +14,7 @@ class ScenarioInvalid(SimError):
 
 
 class AssemblyLost(SimError):
-    """The mechanism cannot be moved there.
+    """The mechanism cannot be moved to its target.
 
     `part` is how much of the straight joint path, 0 to 1, it can follow.
     """

@@ -1,4 +1,18 @@
-"""Factory of the parts of a cell from its scenario, drawing what manufacture left to chance."""
+"""Factory of the parts of a cell from its scenario, drawing what manufacture left to chance.
+
+A scenario states how good a robot is; this module makes one such robot, in the units of the inside
+(mm, rad, N). For each seed another robot leaves the factory, always the same one for that seed:
+
+1. `true_geometry`: nominal parameters + stated errors + normal draws of the stated tolerances;
+2. `build_of`: what the contracted parameters do not hold: each rod's own length, tilted axes,
+   where the bars sit on the plate;
+3. `transmission`, `behaviour`: errors of encoders and gears (sizes stated, phases drawn),
+   backlash, scatter at arrival, weight and warmth;
+4. `mount`, `controller_kinematics`: the reflector's place, and what the controller can compute.
+
+Each of the draws has a stream of its own (sim/random_streams.py): a scenario that gains a tolerance
+keeps all the other errors of its robots.
+"""
 
 import math
 from collections.abc import Sequence
@@ -7,6 +21,7 @@ import numpy as np
 
 from sim.geometry import Array, Geometry, Kind, KindParameter, geometry_of
 from sim.random_streams import Purpose, generator
+from sim.robot.controller import ControllerKinematics
 from sim.robot.driven_robot import Behaviour, SeenReflector
 from sim.robot.rods import Build
 from sim.robot.section import PPM, RobotSection, Tolerances
@@ -16,9 +31,9 @@ from sim.scenarios.schema import Scenario
 from sim.tracker.optics import TrackerPose
 
 PLATE_RADIUS_MM = 45.0
-"""Of a single platform's joints, where the cell file says nothing of them."""
+"""Radius of a single platform's joints, where the cell file does not give their places."""
 PART_HALF_WIDTH_MM = 60.0
-"""Half of the way between the two joints of a part, also."""
+"""Half the distance of the two joints of one part of a platform, where the file gives none."""
 RAD_PER_ARCMIN = math.radians(1.0 / 60.0)
 RAD_PER_ARCSEC = math.radians(1.0 / 3600.0)
 RAD_PER_MRAD = 1e-3
@@ -29,6 +44,8 @@ GRAVITY_N_PER_KG = 9.81
 
 def true_geometry(robot: RobotSection, seed: int) -> dict[str, float]:
     """Draw the robot as it was really made, by flat names, mm and deg."""
+    # One number is drawn for every parameter, also where its tolerance is 0: a further tolerance
+    # in the scenario then leaves the other parameters of a seed as they were.
     draw = generator(seed, Purpose.MANUFACTURE).standard_normal(len(robot.kind.names))
     flat = robot.true_flat()
     return {
@@ -41,6 +58,7 @@ def _sigma(tolerances: Tolerances, parameter: KindParameter) -> float:
     """Return a parameter's standard deviation of manufacture, in its unit."""
     arm, (stem, unit) = parameter
     if stem in {"x", "y", "z"} or (stem == "joint_offset" and unit == "mm"):
+        # arm 0's place defines the base frame: moving it would move the frame with it
         return 0.0 if arm == 0 else tolerances.position_mm
     if stem == "joint_offset":
         return tolerances.joint_offset_deg
@@ -56,47 +74,56 @@ def build_of(robot: RobotSection, geometry: Geometry, seed: int) -> Build:
     rods = generator(seed, Purpose.RODS).standard_normal((kind.arms, 2))
     tilts = generator(seed, Purpose.TILTS).standard_normal((1 + kind.on_rails, kind.arms))
     tilts_mrad = robot.tolerances.axis_tilt_mrad * tilts
-    told_mm = np.reshape(robot.rod_errors_mm or np.zeros(2 * kind.arms), (kind.arms, 2))
+    stated_mm = np.reshape(robot.rod_errors_mm or np.zeros(2 * kind.arms), (kind.arms, 2))
     return Build(
         plate_joints_mm=plate_joints_mm(robot, geometry),
         rod_spacing_mm=robot.rod_spacing_mm,
-        rod_errors_mm=told_mm + robot.tolerances.rod_mm * rods,
+        rod_errors_mm=stated_mm + robot.tolerances.rod_mm * rods,
         axis_tilts_rad=(_of_arms(robot.axis_tilts_mrad, kind) + tilts_mrad[0]) * RAD_PER_MRAD,
         leans_rad=tilts_mrad[1] * RAD_PER_MRAD if kind.on_rails else None,
     )
 
 
 def plate_joints_mm(robot: RobotSection, geometry: Geometry) -> Array:
-    """Return (n, 3): as stated, or on either side of two parts, or around a single one."""
+    """Return the bars' places (n, 3) on the platform, from each arm's contracted plate joint.
+
+    Without places in the cell file they are around a single part, or left and right on two parts.
+    """
     if robot.plate_joints_mm is not None:
         return np.array(robot.plate_joints_mm)
+    # a Delta's platform: on a circle, each joint in the direction of its arm
     if geometry.kind.turn is None:
         return PLATE_RADIUS_MM * geometry.outward
+    # each arm's bar is on the side of its own motor, so that arms do not cross
     return np.sign(geometry.motors_mm) * [PART_HALF_WIDTH_MM, 0.0, 0.0]
 
 
-def known_plate(scenario: Scenario, true_flat: dict[str, float]) -> KnownPlate | None:
-    """Return the plate's sizes for a controller that computes how the plate tilts."""
-    if not scenario.controller.computes_plate_tilt:
-        return None
-    robot = scenario.robot
-    return KnownPlate(
-        plate_joints_mm(robot, geometry_of(true_flat, robot.kind)),
-        robot.rod_spacing_mm,
-        np.array(robot.reflector.offset_mm),
-    )
+def controller_kinematics(scenario: Scenario, true_flat: dict[str, float]) -> ControllerKinematics:
+    """Return what the controller can compute beside the plain kinematics of its mechanism.
+
+    Sizes of the plate and turns of the motors come from the drawing, so they are the true ones;
+    errors are parameters that the controller has to be given by `load`.
+    """
+    robot, controller, plate, ripple_rate = scenario.robot, scenario.controller, None, None
+    if controller.computes_plate_tilt:
+        plate = KnownPlate(
+            plate_joints_mm(robot, geometry_of(true_flat, robot.kind)),
+            robot.rod_spacing_mm,
+            np.array(robot.reflector.offset_mm),
+        )
+    if controller.computes_transmission:
+        ripple_rate = _motor_rad(robot)
+    return ControllerKinematics(robot.kind, plate, ripple_rate)
 
 
-def known_ripple_rate(scenario: Scenario) -> float | None:
-    """Turn of a motor for 1 rad or mm of its joint, if its controller computes what gears add."""
-    if not scenario.controller.computes_transmission:
-        return None
-    told = scenario.robot.transmission
-    return 2.0 * math.pi / told.pitch_mm if scenario.robot.kind.on_rails else told.ripples_per_turn
+def _motor_rad(robot: RobotSection) -> float:
+    """Return the turn of a motor for 1 rad or mm of its joint, rad."""
+    gears = robot.transmission
+    return 2.0 * math.pi / gears.pitch_mm if robot.kind.on_rails else gears.ripples_per_turn
 
 
 def _of_arms(values: Sequence[float], kind: Kind) -> Array:
-    """Return (n,): as stated, or 0 for every arm."""
+    """Return values by arm (n,): those given, or 0 for every arm."""
     return np.array(values) if values else np.zeros(kind.arms)
 
 
@@ -119,23 +146,29 @@ def behaviour(robot: RobotSection, seed: int) -> Behaviour:
 
 def transmission(robot: RobotSection, seed: int) -> Transmission:
     """Draw encoders, gears and screws as they were really made."""
-    kind, told = robot.kind, robot.transmission
+    kind, gears = robot.kind, robot.transmission
     draw = generator(seed, Purpose.TRANSMISSION)
     phases = draw.uniform(-math.pi, math.pi, (2, kind.arms))
-    eccentricity = 2.0 * told.eccentricity_um * MM_PER_UM / told.ring_mm
-    ripple = told.ripple_mm if kind.on_rails else told.ripple_arcsec * RAD_PER_ARCSEC
+    # a ring that is off its axis by e misreads an angle by at most e over its radius
+    eccentricity = 2.0 * gears.eccentricity_um * MM_PER_UM / gears.ring_mm
+    ripple = gears.ripple_mm if kind.on_rails else gears.ripple_arcsec * RAD_PER_ARCSEC
     return Transmission(
         eccentricity=np.full(kind.arms, eccentricity),
         phase_rad=phases[0],
-        ratio=told.ratio_ppm * PPM * draw.standard_normal(kind.arms),
+        ratio=gears.ratio_ppm * PPM * draw.standard_normal(kind.arms),
         ripple=np.full(kind.arms, ripple),
         ripple_phase_rad=phases[1],
-        motor_rad=2.0 * math.pi / told.pitch_mm if kind.on_rails else told.ripples_per_turn,
+        motor_rad=_motor_rad(robot),
     )
 
 
 def _load(robot: RobotSection) -> Load:
-    """Return the weights where they act: half a forearm's at its elbow, half at the plate."""
+    """Return the weights where they act, and the stiffness of the gears or drives below them.
+
+    Each forearm counts with one half at its elbow and the other at the plate.
+    """
+    # A crank's mass is in its middle, which rises half as far as the elbow: it counts with one half
+    # there. A carriage rises whole.
     weight, kind = robot.weight, robot.kind
     arm_kg = weight.arm_kg if kind.on_rails else 0.5 * weight.arm_kg
     elbow_kg = arm_kg + 0.5 * weight.forearm_kg
@@ -149,9 +182,9 @@ def _load(robot: RobotSection) -> Load:
 
 
 def mount(robot: RobotSection, station: TrackerPose) -> SeenReflector:
-    """Return the reflector; by default it faces the tracker from the workspace's centre."""
-    told = robot.reflector.facing
+    """Return the mounted reflector; by default it faces the tracker from the workspace's centre."""
+    direction = robot.reflector.facing
     centre_mm = np.array(robot.workspace_centre_mm)
-    facing = station.origin_in_base_mm - centre_mm if told is None else np.array(told)
+    facing = station.origin_in_base_mm - centre_mm if direction is None else np.array(direction)
     offset_mm = np.array(robot.reflector.offset_mm)
     return SeenReflector(offset_mm, facing / np.linalg.norm(facing), robot.reflector.half)

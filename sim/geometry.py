@@ -1,7 +1,11 @@
 """Kinds of mechanisms and their parameters for the simulator's own use.
 
-Flat names outside, arrays inside. A kind says of which parts a robot is built: cranks or carriages,
-three or four, and what its platform does.
+Flat names (`arm1.forearm_mm`, deg) outside, arrays (rad) inside. A `Kind` says of which parts a
+robot is built: cranks or carriages, three or four, and what its platform does when it turns.
+`Geometry` holds the contracted parameters of one robot of that kind.
+
+Names and values exist a second time in `campaigns.kinematics`, on purpose: the simulator must not
+learn from the estimator what a parameter means (docs/adr/0003-simulator-of-eight-rods.md).
 """
 
 import math
@@ -46,7 +50,7 @@ SAG = ("sag_x_mm", "sag_y_mm", "sag_reach_mm", "sag_z_mm")
 RIPPLES = ("encoder_gain_ppm", "ripple_sin_{}", "ripple_cos_{}", "backlash_{}")
 ECCENTRICITIES = ("eccentricity_sin_deg", "eccentricity_cos_deg")
 CRANK_MM = 300.0
-"""A typical crank: a carriage's travel of that length compares with a crank's turn of 1 rad."""
+"""Typical length of a crank, whose end moves as far by 1 rad as a carriage by this travel."""
 
 UP = np.array([0.0, 0.0, 1.0])
 ALONG_X = np.array([1.0, 0.0, 0.0])
@@ -54,7 +58,7 @@ ALONG_X = np.array([1.0, 0.0, 0.0])
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """Platform's inner joint: the two parts that it joins, and the parameter of their way apart."""
+    """Inner joint of a platform, and the parameter that sizes the way of its parts."""
 
     joint: Literal["hinge", "slide"]
     parameter: Field
@@ -69,7 +73,7 @@ class Kind:
 
     name: str
     shares: tuple[float, ...]
-    """Of each arm: where its plate joint moves when the platform turns, as a part of the way."""
+    """Share of the parts' way that each arm's plate joint moves when the platform turns."""
     turn: Turn | None = None
     on_rails: bool = False
 
@@ -93,10 +97,10 @@ class Kind:
         """Its parameters by flat name."""
         fields = CARRIAGE_FIELDS if self.on_rails else CRANK_FIELDS
         of_arms = ((arm, field) for arm in range(self.arms) for field in fields)
-        every: dict[str, KindParameter] = {f"arm{arm}.{f.key}": (arm, f) for arm, f in of_arms}
+        by_name: dict[str, KindParameter] = {f"arm{arm}.{f.key}": (arm, f) for arm, f in of_arms}
         if self.turn is not None:
-            every[self.turn.parameter.key] = None, self.turn.parameter
-        return every
+            by_name[self.turn.parameter.key] = None, self.turn.parameter
+        return by_name
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -105,24 +109,25 @@ class Kind:
 
     @cached_property
     def extensions(self) -> tuple[str, ...]:
-        """Flat names of what tilts or lowers its plate, or turns a rail aside; 0 if perfect."""
+        """Flat names of parameters that tilt or lower its plate, or turn a rail; 0 if perfect."""
         fields = CARRIAGE_EXTENSIONS if self.on_rails else CRANK_EXTENSIONS
         return (*self._of_arms((*fields, f"compliance_{self.unit}")), *SAG)
 
     @cached_property
     def transmission(self) -> tuple[str, ...]:
-        """Flat names of what gears and encoders add to its joints: 0 of perfect ones."""
-        own = () if self.on_rails else ECCENTRICITIES
-        return self._of_arms((*(field.format(self.unit) for field in RIPPLES), *own))
+        """Flat names of the errors of gears and encoders; 0 if perfect."""
+        # a carriage's scale is straight: it has no centre that could be beside an axis
+        rings = () if self.on_rails else ECCENTRICITIES
+        return self._of_arms((*(field.format(self.unit) for field in RIPPLES), *rings))
 
     @property
     def rate(self) -> str:
-        """Flat name of how often ripples come: in a turn, or of a carriage the way of one."""
+        """Flat name of the ripples' number in a turn, or of a carriage's way for one ripple."""
         return "drive_period_mm" if self.on_rails else "ripples_per_turn"
 
     @property
     def optional(self) -> tuple[str, ...]:
-        """Flat names of all that not every controller has."""
+        """Flat names of all parameters that only some controllers have."""
         return (*self.extensions, *self.transmission, self.rate)
 
     def _of_arms(self, fields: tuple[str, ...]) -> tuple[str, ...]:
@@ -151,6 +156,9 @@ class Kind:
         return f"{self.outer(joint):{form}}{' mm' if self.on_rails else '°'}"
 
 
+# Shares: arms 0 and 1 of Par4 and both I4 hold the controlled point's part, arms 2 and 3 the other
+# part, which the turn moves. H4's controlled point is in the middle of its crossbar, so both ends
+# move by half the way. A Delta's rigid platform does not turn.
 PAR4 = Kind("par4", (0.0, 0.0, 1.0, 1.0), HINGE)
 ALL_KINDS = (
     PAR4,
@@ -173,7 +181,7 @@ class Geometry:
     azimuths_rad: Array
     """(n,)"""
     elevations_rad: Array
-    """(n,): of rails; 0 for cranks."""
+    """(n,): of the rails' directions above the horizontal; 0 for cranks."""
     joint_offsets: Array
     """(n,): joint = encoder + offset, rad or mm."""
     arms_mm: Array
@@ -181,14 +189,15 @@ class Geometry:
     forearms_mm: Array
     """(n,)"""
     apart_mm: float
-    """The way between the platform's parts, or that for a turn of 1 rad; 0 without a turn."""
+    """Distance of a hinged platform's parts, or a slide's way for 1 rad; 0 without a turn."""
 
     @property
     def outward(self) -> Array:
-        """(n, 3): u_i, where cranks point at 0°; from the middle of the robot to each rail."""
+        """(n, 3): u_i, direction of cranks at 0°; of rails, from the robot's middle to each."""
         if not self.kind.on_rails:
             azimuth = self.azimuths_rad
             return np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)])
+        # a vertical rail has no azimuth, so outward is where it stands from the middle of all
         level = (self.motors_mm - self.motors_mm.mean(axis=0)) * [1.0, 1.0, 0.0]
         return np.asarray(level / np.linalg.norm(level, axis=1, keepdims=True))
 
@@ -199,13 +208,15 @@ class Geometry:
 
     @property
     def rails(self) -> Array:
-        """(n, 3): where the carriages move with a growing joint."""
+        """(n, 3): direction in which a carriage moves with a growing joint."""
         level = np.cos(self.elevations_rad)[:, None]
         east = np.column_stack([np.cos(self.azimuths_rad), np.sin(self.azimuths_rad)])
         return np.column_stack([level * east, np.sin(self.elevations_rad)])
 
     def plate_joints_apart(self, turn_rad: float) -> tuple[Array, Array]:
         """Return each plate joint's way by the turn on a level platform, and its rate, (n, 3)."""
+        # A hinge swings the other part round the first on a circle, from +y at no turn (paper,
+        # eq. 9); a slide moves it along -x in proportion to the turn that its rack makes of it.
         sine, cosine = math.sin(turn_rad), math.cos(turn_rad)
         if self.kind.turn is HINGE:
             apart, rate = np.array([-sine, cosine, 0.0]), np.array([-cosine, -sine, 0.0])
@@ -218,25 +229,26 @@ class Geometry:
 def problem_with(
     flat: Mapping[str, float], kind: Kind = PAR4, *, extensions: Collection[str] = ()
 ) -> str:
-    """Return the reason why these flat parameters are no robot: the first thing wrong, or nothing.
+    """Return the first reason why flat parameters are no robot of a kind; empty if there is none.
 
-    Some may be there beside the kind's own.
+    Names in `extensions` may be there beside the parameters of the kind.
     """
     if missing := [name for name in kind.names if name not in flat]:
         return f"{missing[0]} is missing"
     if unknown := [name for name in flat if name not in kind.names and name not in extensions]:
         return f"{unknown[0]} is no parameter of this robot"
+    # NaN fails every comparison, so finiteness is checked before the sign of a length
     for name in flat:
         if not math.isfinite(flat[name]):
             return f"{name} is {flat[name]}, not a finite number"
-        known = kind.parameters.get(name)
-        if known is not None and known[1].stem in LENGTHS and flat[name] <= 0.0:
+        parameter = kind.parameters.get(name)
+        if parameter is not None and parameter[1].stem in LENGTHS and flat[name] <= 0.0:
             return f"{name} is {flat[name]:g} mm, and a length is above 0"
     return ""
 
 
 def geometry_of(flat: Mapping[str, float], kind: Kind = PAR4) -> Geometry:
-    """Return the arrays from flat parameters that `problem_with` finds nothing wrong with."""
+    """Convert flat parameters, mm and deg, for which `problem_with` is empty, to arrays."""
 
     def column(field: str) -> Array:
         return np.array([flat.get(f"arm{arm}.{field}", 0.0) for arm in range(kind.arms)])

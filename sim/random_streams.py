@@ -1,4 +1,16 @@
-"""Random streams: a draw depends on the seed, what it is for, and which try it is."""
+"""Random streams: each draw depends on the seed, its purpose, its target and its attempt.
+
+One generator for the whole cell would make every draw depend on all draws before it: a repeated
+shot, a resumed run or a second process would shift the noise of everything later, and no two
+campaigns could be compared. So there is a stream for each purpose and, for what happens many times,
+for each target and attempt there:
+
+1. manufacture (geometry, rods, tilts, transmission) is drawn once from (seed, purpose);
+2. an arrival or a shot is drawn from (seed, purpose, joint target, number of the attempt there).
+
+The counts of attempts are in the cell's memory. The third visit of a pose therefore scatters alike
+in one process and in ten, whatever was done between the visits.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,7 +18,8 @@ from enum import IntEnum
 
 import numpy as np
 
-WORD = 2**64
+DISTINCT_KEYS = 2**64
+"""Keys wrap round at this number, since a seed sequence takes no negative ones."""
 
 
 class Purpose(IntEnum):
@@ -22,27 +35,35 @@ class Purpose(IntEnum):
 
 def generator(seed: int, purpose: Purpose, *keys: int) -> np.random.Generator:
     """Return the generator of a seed, purpose and keys (any whole numbers)."""
-    words = [key % WORD for key in (seed, purpose, *keys)]
+    words = [key % DISTINCT_KEYS for key in (seed, purpose, *keys)]
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(words)))
 
 
 def target_key(joints: Sequence[float]) -> tuple[int, ...]:
-    """Return a joint target as whole microdegrees, which names it for ever."""
+    """Return the key of a joint target: its joints in whole microdegrees.
+
+    Carriages' millimetres are converted as if they were radians: a key needs no unit.
+    """
+    # rounded: the last bits of a float may depend on how a target was computed
     return tuple(round(float(np.degrees(joint)) * 1e6) for joint in joints)
 
 
 class Attempts:
-    """Counts of how often something was done at each target, all from `before` on."""
+    """Streams of one purpose by target, with a count of the attempts at each, from `before` on."""
 
-    def __init__(self, counts: Mapping[str, int], before: int = 0) -> None:
+    def __init__(
+        self, seed: int, purpose: Purpose, counts: Mapping[str, int], before: int = 0
+    ) -> None:
+        self._seed = seed
+        self._purpose = purpose
         self._counts = dict(counts)
         self._before = before
 
-    def next(self, key: tuple[int, ...]) -> int:
-        """Count one more attempt at a target and return its number, the first `before` + 1."""
-        name = ",".join(map(str, key))
+    def next_generator(self, target: tuple[int, ...]) -> np.random.Generator:
+        """Count one more attempt at a target, the first `before` + 1, and return its generator."""
+        name = ",".join(map(str, target))
         self._counts[name] = self._counts.get(name, self._before) + 1
-        return self._counts[name]
+        return generator(self._seed, self._purpose, *target, self._counts[name])
 
     def memory(self) -> dict[str, int]:
         """Return the counts so far."""
@@ -51,9 +72,10 @@ class Attempts:
 
 @dataclass(slots=True)
 class WorkedTime:
-    """Nominal seconds that the cell has moved and measured; what slow effects follow.
+    """Nominal seconds that the cell has moved and measured, which slow effects follow.
 
-    Not the wall clock, so that a slow machine draws the same figures.
+    Warmth, drift of the air and creep of the stand depend on work instead of the wall clock, so
+    that a slow computer, a pause or a restart does not change them.
     """
 
     seconds: float

@@ -12,14 +12,15 @@ Count = Annotated[int, Field(ge=1)]
 Point = tuple[float, float, float]
 
 
-def nearest(unknown: str, known: Iterable[str]) -> str:
-    """Return a remedy for an unknown word: the nearest known one, or all of them."""
-    words = list(known)
+def nearest(unknown: str, choices: Iterable[str]) -> str:
+    """Return a remedy for an unknown word: the nearest of the choices, or all of them."""
+    words = list(choices)
     close = difflib.get_close_matches(unknown, words, n=1)
     return f"did you mean {close[0]}?" if close else f"known here: {', '.join(words)}"
 
 
 class Section(BaseModel):
-    """Section of a file: nothing unknown, nothing converted, no NaN; fixed once read."""
+    """Section of a file: no unknown keys, no converted types, no NaN; immutable."""
 
+    # strict: 1 is no text and "1" no number, so that a slip of typing is not read as something else
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)

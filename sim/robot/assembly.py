@@ -1,4 +1,13 @@
-"""The controller's own inverse kinematics, by triangles, and assemblies on their way."""
+"""The controller's own inverse kinematics, by triangles, and assemblies on their way.
+
+1. `joints_for` is what a plain controller computes for a pose: a triangle in each arm's plane. The
+   estimator solves an equation in sine and cosine of the joint, and the simulated robot is found
+   from its rods: this is a third way.
+2. `assemble`, `restore` and `follow` keep the true robot in its assembly. One set of joints has
+   several real assemblies; a robot changes from one to another only through a singularity. So the
+   joints are moved in small steps, each solved from the one before, and a step is accepted only if
+   the plate did not jump, the rods reach, and the sign of the forearms' determinant has stayed.
+"""
 
 import math
 from dataclasses import dataclass
@@ -7,7 +16,7 @@ import numpy as np
 
 from sim.errors import AssemblyLost
 from sim.geometry import HINGE, Array, Geometry, Kind
-from sim.robot.rods import COLD, SETTLED_MM, Growth, Plate, RodMechanism
+from sim.robot.rods import COLD, SETTLED_MM, Growth, Plate, RodMechanism, Settled
 
 
 class OutOfReach(Exception):
@@ -19,23 +28,22 @@ class OutOfReach(Exception):
 
 
 def plate_joints_mm(geometry: Geometry, position_mm: Array, theta_rad: float) -> Array:
-    """Return (n, 3): B'_i in the base frame (paper, eq. 9)."""
+    """Return the contracted plate joints B'_i (n, 3) in the base frame (paper, eq. 9)."""
     return np.asarray(position_mm + geometry.plate_joints_apart(theta_rad)[0])
 
 
 def joints_for(geometry: Geometry, position_mm: Array, theta_rad: float) -> Array:
     """Return (n,) encoder values, elbows outward, carriages above; raises `OutOfReach`."""
     to_plate_mm = plate_joints_mm(geometry, position_mm, theta_rad) - geometry.motors_mm
-    one = _carriage if geometry.kind.on_rails else _crank
-    return np.array([one(geometry, arm, each) for arm, each in enumerate(to_plate_mm)])
+    joint_for = _carriage if geometry.kind.on_rails else _crank
+    return np.array([joint_for(geometry, arm, way) for arm, way in enumerate(to_plate_mm)])
 
 
 def _carriage(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
-    """Return the joint of a carriage above the foot of the plate joint on its rail.
-
-    On a rail within 15° of level the carriage stands farther outward.
-    By how much follows from the right triangle of carriage, foot and plate joint.
-    """
+    """Return the joint of a carriage above the plate, or outside it on a nearly level rail."""
+    # Right triangle of carriage, plate joint and the foot of its perpendicular on the rail. The
+    # carriage stands on either side of the foot: above it, or farther outward where the rail is
+    # within 15° of level.
     rail = geometry.rails[arm]
     foot_mm = float(to_plate_mm @ rail)
     squared_off_rail = float(np.sum(np.cross(to_plate_mm, rail) ** 2))
@@ -49,11 +57,10 @@ def _carriage(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
 
 
 def _crank(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
-    """Return the angle down to the plate joint less the triangle's angle at the motor.
-
-    The triangle is motor, elbow, plate joint in the arm's plane; the forearm counts there with
-    what its swing out of the plane leaves of it.
-    """
+    """Return the encoder angle of a crank whose elbow is outward of its plate joint."""
+    # Triangle of motor, elbow and plate joint, projected into the arm's plane, where the forearm is
+    # shortened by its swing out of that plane. By the law of cosines the crank stands above the
+    # line from motor to plate joint by the triangle's angle at the motor.
     arm_mm = float(geometry.arms_mm[arm])
     outward_mm = float(to_plate_mm @ geometry.outward[arm])
     swing_mm = float(to_plate_mm @ geometry.sideways[arm])
@@ -70,12 +77,12 @@ def _crank(geometry: Geometry, arm: int, to_plate_mm: Array) -> float:
 
 
 STEP_RAD = math.radians(5.0)
-"""Of cranks; of carriages the travel that compares with it."""
+"""First step of a path, of cranks; of carriages the travel that compares with it."""
 SMALLEST_STEP_RAD = math.radians(0.05)
 ON_THE_WAY_MM = 0.1
-"""Tolerance of the plate between the ends of a motion, where only the way matters."""
+"""Tolerance of the plate between the ends of a motion, where only the assembly matters."""
 MISFIT_LIMIT_MM = 2.0
-"""Rods that miss by more are not strained but torn: the gap is closed by no assembly."""
+"""Misfit beyond any strain of rods: the gap is not closed by any assembly."""
 JUMP_LIMIT_MM = 100.0
 """Jump of the plate beyond any within one assembly at a joint step of `STEP_RAD`."""
 
@@ -104,10 +111,10 @@ def assemble(
 
 def restore(rods: RodMechanism, joints: Array, guess: Plate, growth: Growth = COLD) -> Assembly:
     """Solve the assembly at joints near a plate's guess; raises `AssemblyLost`."""
-    plate, misfits_mm, jacobian = rods.settle(joints, guess, growth)
-    if not _is_whole(rods.kind, plate, misfits_mm):
-        raise _lost(rods.kind, joints, 0.0)
-    return Assembly(joints, plate, _side(jacobian))
+    settled = rods.settle(joints, guess, growth)
+    if not _is_whole(rods.kind, settled):
+        raise _assembly_lost(rods.kind, joints, 0.0)
+    return Assembly(joints, settled.plate, _side(settled.jacobian))
 
 
 def follow(rods: RodMechanism, start: Assembly, target: Array, growth: Growth = COLD) -> Assembly:
@@ -115,6 +122,8 @@ def follow(rods: RodMechanism, start: Assembly, target: Array, growth: Growth = 
 
     Raises `AssemblyLost` with the part of the line that could be followed.
     """
+    # A step that fails is halved, since a long one may have jumped to another assembly; below
+    # `SMALLEST_STEP_RAD` the way is closed. After a success the full step is tried again.
     change = target - start.joints
     length_rad = float(np.abs(change).max()) / rods.kind.scale
     if length_rad == 0.0:
@@ -131,7 +140,7 @@ def follow(rods: RodMechanism, start: Assembly, target: Array, growth: Growth = 
         elif step * length_rad > SMALLEST_STEP_RAD:
             step *= 0.5
         else:
-            raise _lost(rods.kind, joints, part)
+            raise _assembly_lost(rods.kind, joints, part)
     return here
 
 
@@ -140,31 +149,34 @@ def _step(
 ) -> Assembly | None:
     """Return the assembly after one step of the joints; None when the step may have left it."""
     try:
-        plate, misfits_mm, jacobian = rods.settle(joints, here.plate, growth, settled_mm)
+        settled = rods.settle(joints, here.plate, growth, settled_mm)
     except AssemblyLost:
         return None
-    jump_mm = float(np.abs(plate.position_mm - here.plate.position_mm).max())
-    is_same = _side(jacobian) == here.side and jump_mm < JUMP_LIMIT_MM
-    if not is_same or not _is_whole(rods.kind, plate, misfits_mm):
+    jump_mm = float(np.abs(settled.plate.position_mm - here.plate.position_mm).max())
+    is_same = _side(settled.jacobian) == here.side and jump_mm < JUMP_LIMIT_MM
+    if not is_same or not _is_whole(rods.kind, settled):
         return None
-    return Assembly(joints, plate, here.side)
+    return Assembly(joints, settled.plate, here.side)
 
 
-def _is_whole(kind: Kind, plate: Plate, misfits_mm: Array) -> bool:
+def _is_whole(kind: Kind, settled: Settled) -> bool:
     """Whether the rods reach and a hinged platform has not turned over."""
-    turned_over = kind.turn is HINGE and math.cos(plate.theta_rad) <= 0.0
-    return bool(np.abs(misfits_mm).max() < MISFIT_LIMIT_MM) and not turned_over
+    turned_over = kind.turn is HINGE and math.cos(settled.plate.theta_rad) <= 0.0
+    return bool(np.abs(settled.misfits_mm).max() < MISFIT_LIMIT_MM) and not turned_over
 
 
 def _side(jacobian: Array) -> float:
     """Return the sign of the forearms' determinant by x, y, z, θ: it changes in singularities."""
+    # The sum of an arm's two rods is its forearm. Three or four forearms by three or four unknowns
+    # are a square matrix; the orientation, which the differences of rods hold, is left out.
     rods, unknowns = jacobian.shape
     by_pose = [0, 1, 2, *range(6, unknowns)]
     forearms = jacobian.reshape(rods // 2, 2, unknowns).sum(axis=1)[:, by_pose]
     return float(np.sign(np.linalg.det(forearms)))
 
 
-def _lost(kind: Kind, joints: Array, part: float) -> AssemblyLost:
+def _assembly_lost(kind: Kind, joints: Array, part: float) -> AssemblyLost:
+    """Return the error of joints without assembly, after a part of the way to them."""
     listed = ", ".join(kind.text(joint, ".2f") for joint in joints)
     return AssemblyLost(
         f"no assembly of the robot at joints {listed} ({part:.0%} of the way)",

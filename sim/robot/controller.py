@@ -1,4 +1,18 @@
-"""The simulated controller: its axes' motions in time, its limits, troubles and parameters."""
+"""The simulated controller: its axes' motions in time, its limits, troubles and parameters.
+
+Theory of operation. The controller has no thread and no timer. Every call brings the time, and
+`_advance` first carries out what has ended by then; so the state is the same whether it is asked a
+thousand times during a motion or once after it. A move goes through these steps:
+
+1. readiness, speed and limits are checked, in this order; the first that fails is a `Refusal`;
+2. a pose becomes joints by the controller's own parameters, which are not the true robot's;
+3. the driven robot says how much of the straight joint path its mechanism can follow; a mechanism
+   that holds the axes, or a scripted fault, shortens the motion and leaves a trouble at its end;
+4. the encoders follow a smooth profile until the motion's end;
+5. there the robot arrives: only then its play, scatter and yielding are drawn and kept.
+
+Encoders read whole steps, and they read the commanded joints: what gears add is behind them.
+"""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -18,21 +32,24 @@ from sim.robot.tilting_kinematics import KnownPlate, is_level, tilted_joints_for
 from sim.robot.transmission import readings_for
 
 PEAK_OF_SMOOTH = 1.875
-"""Highest speed of the smooth profile, as a multiple of its mean."""
+"""Highest speed of the smooth profile over its mean: derivative of `smooth` in the middle."""
 FARTHEST_MM = 1e6
-"""Beyond, squares of lengths are no numbers to compute with, and no robot reaches."""
+"""Coordinate beyond any robot, below which squares of lengths do not overflow."""
 SHORTEST_S = 0.05
+"""Least duration of a motion."""
 BRAKING_S = 0.05
 HALFWAY = 0.5
 HELD_FOR_S = 10.0
-"""Time until somebody has acknowledged that the mechanism held the axes."""
-AT_THE_LIMIT = 1e-9
+"""Time until an operator has acknowledged that the mechanism held the axes."""
+LIMIT_ROUNDING = 1e-9
+"""Excess over a limit that the conversion of units can cause, rad or mm."""
 
 Profile = Callable[[float], float]
 
 
 def smooth(part_of_time: float) -> float:
     """Return the travelled part; starts and ends without speed or acceleration."""
+    # the polynomial of least degree with these six conditions, 10 t³ - 15 t⁴ + 6 t⁵
     t = part_of_time
     return t * t * t * (10.0 - t * (15.0 - 6.0 * t))
 
@@ -44,7 +61,7 @@ def braking(part_of_time: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AxisMotion:
-    """AxisMotion of all joints together, along a straight joint path from rest or speed to rest."""
+    """Motion of all joints together, along a straight joint path from rest or speed to rest."""
 
     start: Array
     """(n,) rad or mm"""
@@ -59,7 +76,7 @@ class AxisMotion:
         return self.start_s + self.duration_s
 
     def joints(self, now_s: float) -> Array:
-        """Return (n,): where the joints are."""
+        """Return the joints (n,) at a time; before the start and after the end they rest."""
         part = (now_s - self.start_s) / self.duration_s
         travelled = self.profile(min(max(part, 0.0), 1.0))
         return self.start + travelled * (self.target - self.start)
@@ -74,9 +91,11 @@ def smooth_motion(start: Array, target: Array, speed_per_s: float, now_s: float)
 
 def braked(motion: AxisMotion, now_s: float) -> AxisMotion:
     """Brake a motion at once on its own path; one that is nearly over stays unchanged."""
-    left_s = motion.end_s - now_s
-    if left_s < 1.5 * BRAKING_S:
+    remaining_s = motion.end_s - now_s
+    if remaining_s < 1.5 * BRAKING_S:
         return motion
+    # Constant deceleration from the present speed v covers v · BRAKING_S / 2. The speed is taken by
+    # a difference over a glimpse, for a profile may be any function.
     here = motion.joints(now_s)
     glimpse_s = 1e-3 * BRAKING_S
     ahead = motion.joints(now_s + glimpse_s) - here
@@ -85,7 +104,7 @@ def braked(motion: AxisMotion, now_s: float) -> AxisMotion:
 
 
 class Refusal(Exception):
-    """The controller says no. `code` is LIMIT, REACH, FAULT, ESTOP, BUSY or GEOMETRY."""
+    """The controller refuses. `code` is LIMIT, REACH, FAULT, ESTOP, BUSY or GEOMETRY."""
 
     def __init__(self, code: str, text: str) -> None:
         super().__init__(code, text)
@@ -95,7 +114,7 @@ class Refusal(Exception):
 
 @dataclass(frozen=True, slots=True)
 class _Trouble:
-    """Reason why the robot stands although no one stopped it, and until when."""
+    """Reason why the robot stands although no stop was requested, and when it ends."""
 
     kind: str
     text: str
@@ -103,6 +122,47 @@ class _Trouble:
 
 
 NO_TROUBLE = _Trouble("", "", math.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerKinematics:
+    """Inverse kinematics that a controller can compute; parameters come with each call."""
+
+    kind: Kind = PAR4
+    plate: KnownPlate | None = None
+    """Sizes of the plate, with which it computes the plate's tilt; None: it cannot."""
+    ripple_rate: float | None = None
+    """Turn of a motor for 1 rad or mm of its joint, with which it computes errors of gears and
+    encoders; None: it cannot."""
+
+    @property
+    def extensions(self) -> tuple[str, ...]:
+        """Flat names of the parameters of imperfect parts that it computes with."""
+        tilts = () if self.plate is None else self.kind.extensions
+        gears = (*self.kind.transmission, self.kind.rate)
+        return tilts if self.ripple_rate is None else tilts + gears
+
+    def encoders_for(
+        self, flat: Mapping[str, float], position_mm: Array, turn_rad: float, present: Array
+    ) -> Array:
+        """Compute the encoder readings (n,) of a pose by flat parameters, from present readings.
+
+        Raises `OutOfReach`.
+        """
+        kind = self.kind
+        if self.plate is None or is_level(flat, kind):
+            joints = joints_for(geometry_of(flat, kind), position_mm, turn_rad)
+        else:
+            joints = tilted_joints_for(flat, kind, self.plate, position_mm, turn_rad)
+        if self.ripple_rate is None:
+            return joints
+        # the loaded parameters may hold the ripples' rate; else it is that of the drawing
+        stated = flat.get(kind.rate, 0.0)
+        rate = (math.tau / stated if kind.on_rails else stated) if stated else self.ripple_rate
+        return readings_for(flat, kind, rate, joints, present)
+
+
+PLAIN_PAR4 = ControllerKinematics()
 
 
 class SimulatedController:
@@ -119,13 +179,10 @@ class SimulatedController:
         geometry: Mapping[str, float],
         faults: FaultScript,
         worked: WorkedTime,
-        kind: Kind = PAR4,
-        plate: KnownPlate | None = None,
-        ripple_rate: float | None = None,
+        kinematics: ControllerKinematics = PLAIN_PAR4,
     ) -> None:
-        self.kind = kind
-        self._plate = plate
-        self._ripple_rate = ripple_rate
+        self.kind = kind = kinematics.kind
+        self._kinematics = kinematics
         self.model = f"simulated {'Par4' if kind is PAR4 else kind.name} controller"
         self.serial = section.serial
         self._limits = section.limits(kind)
@@ -139,6 +196,7 @@ class SimulatedController:
         self._worked = worked
         self._motion: AxisMotion | None = None
         self._ends_in = NO_TROUBLE
+        """Trouble that the present motion leaves at its end."""
         self._trouble = NO_TROUBLE
         if section.emergency_stop:
             self._trouble = _Trouble("emergency_stop", "emergency stop pressed", math.inf)
@@ -154,8 +212,9 @@ class SimulatedController:
         )
 
     def is_moving(self, now_s: float) -> bool:
-        """Whether it says that the robot moves."""
+        """Whether the controller reports that the robot moves."""
         self._advance(now_s)
+        # a stall is the fault of reporting a motion that has ended, until a stop is requested
         return self._motion is not None or self._trouble.kind == "stall"
 
     def encoders(self, now_s: float) -> Array:
@@ -166,7 +225,7 @@ class SimulatedController:
         return self._quantised(self._motion.joints(now_s))
 
     def move_joints(self, target: Sequence[float], speed_fraction: float, now_s: float) -> float:
-        """Start a joint move and say how long it takes, s; raises `Refusal`."""
+        """Start a joint move and return its duration, s; raises `Refusal`."""
         self._check_ready(now_s)
         self._check_speed(speed_fraction)
         joints = np.array(target, dtype=float)
@@ -190,7 +249,9 @@ class SimulatedController:
         if np.abs(position_mm).max() > FARTHEST_MM:
             raise Refusal("REACH", f"the pose is {np.abs(position_mm).max():g} mm away")
         try:
-            joints = self._joints_for(position_mm, theta_rad)
+            joints = self._kinematics.encoders_for(
+                self._geometry, position_mm, theta_rad, self._joints
+            )
         except OutOfReach as reason:
             raise Refusal("REACH", str(reason)) from reason
         return self.move_joints(joints.tolist(), speed_fraction, now_s)
@@ -198,10 +259,11 @@ class SimulatedController:
     def follow(self, joints: Sequence[float]) -> None:
         """Put the robot at the joints, rad or mm, at which a real controller's robot stands.
 
-        It comes by the straight joint path. A real controller that was restarted states other
-        joints at once, to which no way may lead: the robot then comes from where it stood first.
-        Raise `AssemblyLost` if the robot cannot be there.
+        The simulated robot takes the straight joint path. Raise `AssemblyLost` if it cannot be at
+        these joints.
         """
+        # A real controller that was restarted may state joints far away, to which no straight way
+        # leads from the present ones. The way is then tried from where this robot stood first.
         target = np.array(joints)
         if np.array_equal(target, self._joints):
             return
@@ -220,17 +282,16 @@ class SimulatedController:
     @property
     def extensions(self) -> tuple[str, ...]:
         """Flat names of the parameters of imperfect parts that its kinematics has."""
-        tilts = () if self._plate is None else self.kind.extensions
-        own = (*self.kind.transmission, self.kind.rate)
-        return tilts if self._ripple_rate is None else tilts + own
+        return self._kinematics.extensions
 
     def stop(self, now_s: float) -> None:
-        """Brake at once, whatever happens; the state says when the robot stands."""
+        """Brake at once in any state; `state` reports when the robot stands."""
         self._advance(now_s)
         if self._trouble.kind == "stall":
             self._trouble = NO_TROUBLE
         if self._motion is not None:
             self._motion = braked(self._motion, now_s)
+            # the braked motion ends short of where the fault or the mechanism would have stopped it
             self._ends_in = NO_TROUBLE
 
     def geometry(self) -> dict[str, float]:
@@ -238,39 +299,30 @@ class SimulatedController:
         return dict(self._geometry)
 
     def replace_geometry(self, geometry: Mapping[str, float], now_s: float) -> None:
-        """Take over all parameters at once, or raise `Refusal` and keep the old."""
+        """Replace all parameters at once, or raise `Refusal` and keep the old ones."""
         if self.state(now_s).moving:
             raise Refusal("BUSY", "the robot is moving")
         if problem := problem_with(geometry, self.kind, extensions=self.extensions):
             raise Refusal("GEOMETRY", problem)
         self._geometry = {name: float(value) for name, value in geometry.items()}
 
-    def _joints_for(self, position_mm: Array, turn_rad: float) -> Array:
-        """Return the joints (n,) of a pose as encoders read them; raises `OutOfReach`."""
-        flat, kind = self._geometry, self.kind
-        if self._plate is None or is_level(flat, kind):
-            joints = joints_for(geometry_of(flat, kind), position_mm, turn_rad)
-        else:
-            joints = tilted_joints_for(flat, kind, self._plate, position_mm, turn_rad)
-        if self._ripple_rate is None:
-            return joints
-        told = flat.get(kind.rate, 0.0)
-        rate = (math.tau / told if kind.on_rails else told) if told else self._ripple_rate
-        return readings_for(flat, kind, rate, joints, self._joints)
-
     def _advance(self, now_s: float) -> None:
-        """Let end what has ended by now."""
+        """End the motion and the trouble whose time has come."""
         motion = self._motion
         if motion is not None and now_s >= motion.end_s:
             self._motion = None
             self._joints = self._quantised(motion.target)
             self._robot.arrive(self._joints, target_key(self._joints.tolist()))
+            # the nominal duration counts, however late this call is
             self._worked.seconds += motion.duration_s
             self._trouble = self._ends_in
         if now_s >= self._trouble.until_s:
             self._trouble = NO_TROUBLE
 
     def _start(self, target: Array, speed_fraction: float, now_s: float) -> float:
+        """Start the motion to a target, as far as it goes, and return the whole one's duration."""
+        # The client gets the duration of the whole motion even if a fault will shorten it: a real
+        # controller does not foresee its faults either.
         fault = self._faults.next(Counted.MOVE)
         part = self._robot.passable_part(target)
         if fault is not None and part > HALFWAY:
@@ -302,7 +354,7 @@ class SimulatedController:
             raise Refusal("LIMIT", f"{target.size} joints were given, the robot has {kind.arms}")
         lowest, highest = self._limits
         for joint, value in enumerate(target):
-            if not lowest - AT_THE_LIMIT <= value <= highest + AT_THE_LIMIT:
+            if not lowest - LIMIT_ROUNDING <= value <= highest + LIMIT_ROUNDING:
                 limits = f"{kind.text(lowest, 'g')} to {kind.text(highest, 'g')}"
                 raise Refusal(
                     "LIMIT", f"joint {joint} to {kind.text(value, '.4f')}, limits {limits}"

@@ -1,4 +1,18 @@
-"""The virtual robot as its drives move it: gears, repeatability, weight, parts that grow warm."""
+"""The virtual robot as its drives move it: gears, repeatability, weight, parts that grow warm.
+
+Theory of operation. Encoder readings come in; the reflector's true place comes out. On the way:
+
+1. transmission: true joints by readings (eccentric scales, ratios, ripple: transmission.py);
+2. play: the arm stays behind its gear by up to half the backlash, on the side it came from;
+3. scatter of joints, drawn at each arrival from the stream of that target and attempt;
+4. the rods place the plate (assembly.py, rods.py), with parts as long as their warmth makes them;
+5. gears yield under the weights, and the plate is solved once more;
+6. scatter of the position, drawn with that of the joints.
+
+What is drawn or depends on the way (2, 3, 6) is decided on arrival and kept as the `Standing` until
+the next one: a robot that stands does not jitter, and looking at it changes nothing. On the way the
+robot can be seen too, with its play and without scatter.
+"""
 
 import math
 from dataclasses import dataclass
@@ -9,16 +23,16 @@ import numpy as np
 
 from sim.errors import AssemblyLost
 from sim.geometry import Array
-from sim.random_streams import Attempts, Purpose, WorkedTime, generator
+from sim.random_streams import Attempts, WorkedTime
 from sim.robot.assembly import Assembly, follow, restore
 from sim.robot.rods import Growth, RodMechanism
 from sim.robot.section import Thermal
 from sim.robot.transmission import WEIGHTLESS, Load, Transmission
 
 SHORT_OF_THE_EDGE_RAD = math.radians(1.0)
-"""Distance before a singularity where friction holds the axes; above any noise of arrival.
+"""Distance before a singularity at which friction holds the axes; above any noise of arrival.
 
-Of carriages the travel that compares with it.
+Of carriages it is the travel that compares with it.
 """
 
 
@@ -38,18 +52,18 @@ class Behaviour:
 
 
 class SeenReflector(NamedTuple):
-    """A reflector's centre, and where it looks.
+    """A reflector's centre and the direction that it faces, in the base frame.
 
-    In the base frame; of one's mount from the controlled point, or from the joints of the half that
-    carries it, as long as the plate is level and not turned.
+    Also a reflector's mount: then both are relative to the controlled point, or to the joints of
+    the half that carries the reflector, of a plate that is level and not turned.
     """
 
     point_mm: Array
-    """(3,)"""
+    """(3,) mm"""
     facing: Array
     """(3,): unit vector."""
     half: int | None = None
-    """Of a platform of two parts, where it is not the controlled point's."""
+    """Half of a platform of two parts that carries it; None: the controlled point's half."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,10 +73,10 @@ class Standing:
     encoders: Array
     """(n,) rad or mm"""
     play: Array
-    """(n,): each joint less its encoder's reading, left by the gear's lost motion."""
+    """(n,): how far each joint is from its gear's middle, within the lost motion, rad or mm."""
     assembly: Assembly
     displaced_mm: Array
-    """(3,): what repeatability moved the plate by."""
+    """(3,): displacement of the plate that was drawn at this arrival."""
 
 
 class DrivenRobot:
@@ -75,42 +89,41 @@ class DrivenRobot:
         mount: SeenReflector,
         standing: Standing,
         *,
-        seed: int,
         worked: WorkedTime,
         arrivals: Attempts,
     ) -> None:
         self._rods = rods
         self._behaviour = behaviour
         self._mount = mount
-        self._seed = seed
         self._worked = worked
         self.arrivals = arrivals
         self.standing = standing
         self._ahead = standing.assembly
+        """Assembly at the end of the path that was last tried, from which arriving goes on."""
         self._grown = lru_cache(maxsize=1)(behaviour.thermal.growth)
         self._last_view: tuple[Standing, Growth, Array, SeenReflector] | None = None
-        """Reflector as it was seen the last time, after the state that it was seen in."""
+        """State in which the reflector was last seen, and the reflector as it was seen."""
 
     def passable_part(self, encoders: Array) -> float:
         """Return the part of the straight joint path, 0 to 1, that the mechanism follows freely."""
         try:
             self._ahead = self._followed(self.standing.assembly, encoders)
         except AssemblyLost as lost:
+            # the robot stops short of the edge: at the singularity itself no assembly is solvable,
+            # and the scatter of an arrival could carry it beyond
             self._ahead = self.standing.assembly
-            length_rad = (
-                float(np.abs(encoders - self.standing.encoders).max()) / self._rods.kind.scale
-            )
+            change = np.abs(encoders - self.standing.encoders)
+            length_rad = float(change.max()) / self._rods.kind.scale
             return max(0.0, lost.part - SHORT_OF_THE_EDGE_RAD / length_rad)
         return 1.0
 
     def arrive(self, encoders: Array, target: tuple[int, ...]) -> None:
-        """Come to rest there; `target` names it for the draw of repeatability.
+        """Come to rest at encoder readings; `target` names them for the draw of repeatability.
 
-        Raises `AssemblyLost` for a place that `passable_part` has not let through.
+        Call `passable_part` first: raises `AssemblyLost` for readings beyond what it let through.
         """
         play = self._play(encoders)
-        attempt = self.arrivals.next(target)
-        draw = generator(self._seed, Purpose.ARRIVAL, *target, attempt)
+        draw = self.arrivals.next_generator(target)
         jitter = self._behaviour.joint_noise * draw.standard_normal(len(encoders))
         limit_mm = self._behaviour.position_noise_mm
         displaced_mm = limit_mm * draw.uniform(-1.0, 1.0, 3)
@@ -120,15 +133,13 @@ class DrivenRobot:
         self._ahead = assembly
 
     def reflector(self, encoders: Array) -> SeenReflector:
-        """Return the reflector at rest, or at these encoders on the way to somewhere.
-
-        A tracker looks many times at a robot that stands: the last view is kept.
-        """
+        """Return the reflector at encoder readings: those at rest, or others of a motion."""
+        # a tracker looks many times at a robot that stands: the last view is kept
         growth = self._growth()
         if self._last_view is not None:
             standing, grown, at, seen = self._last_view
-            same = at is encoders or np.array_equal(at, encoders)
-            if same and standing is self.standing and grown == growth:
+            is_same = at is encoders or np.array_equal(at, encoders)
+            if is_same and standing is self.standing and grown == growth:
                 return seen
         seen = self._view(encoders)
         self._last_view = self.standing, growth, encoders, seen
@@ -137,6 +148,7 @@ class DrivenRobot:
     def _view(self, encoders: Array) -> SeenReflector:
         standing = self.standing
         if np.array_equal(encoders, standing.encoders):
+            # solved again, since parts may have grown while the robot stood; the joints stay
             at_rest = standing.assembly
             now = restore(self._rods, at_rest.joints, at_rest.plate, self._growth())
             return self._seen(now, standing.displaced_mm)
@@ -147,18 +159,23 @@ class DrivenRobot:
         return self._moved(start, joints + self._play(encoders))
 
     def _moved(self, start: Assembly, joints: Array) -> Assembly:
-        """Return the assembly with these joints beyond the gears, which yield under the weight."""
-        there, load = follow(self._rods, start, joints, self._growth()), self._behaviour.load
+        """Return the assembly after a path to joints, which then yield under the weights."""
+        # The torques are those of the rigid pose: yielding by arc minutes hardly changes them,
+        # so one correction is enough.
+        rigid, load = follow(self._rods, start, joints, self._growth()), self._behaviour.load
         if math.isinf(load.stiffness):
-            return there
-        given = joints + load.yielding(self._rods, joints, there.plate)
-        return restore(self._rods, given, there.plate, self._growth())
+            return rigid
+        yielded = joints + load.yielding(self._rods, joints, rigid.plate)
+        return restore(self._rods, yielded, rigid.plate, self._growth())
 
     def _play(self, encoders: Array) -> Array:
-        """Return the lost motion: the arm stays behind until the tooth touches the other flank."""
+        """Return each joint's play (n,) at encoder readings, by the way from the last standing."""
+        # Play operator: while the gear moves inside its lost motion the arm stays where it is, so
+        # the play changes by minus the gear's motion; at ± half the backlash a flank touches and
+        # takes the arm along. A path is straight, so its end alone decides.
         standing, half = self.standing, 0.5 * self._behaviour.backlash
-        left_behind = standing.play - (encoders - standing.encoders)
-        return np.clip(left_behind, -half, half)
+        if_arm_stays = standing.play - (encoders - standing.encoders)
+        return np.clip(if_arm_stays, -half, half)
 
     def _growth(self) -> Growth:
         return self._grown(self._worked.seconds)

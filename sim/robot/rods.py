@@ -1,6 +1,20 @@
 """The mechanism's rods, bars and platform, of whatever kind: six or eight rods hold it.
 
-First, rotations by three angles about fixed axes, with their derivatives.
+Theory of operation. Joints come in; where the platform is comes out:
+
+1. each joint places its elbow (crank's end or carriage) and, by the bar there, the upper ends of
+   its arm's two rods; tilted axes, leaning rails and warm parts are in these places;
+2. the platform has six unknowns, position and orientation, and a seventh where it has an inner
+   joint; they place the lower ends of the rods;
+3. each rod's misfit is the distance of its ends less its own length. There is one rod more than
+   unknowns (eight for seven) or as many (six for six). Equally stiff rods share the strain so that
+   the sum of squared misfits is least: Gauss-Newton on all rods finds the platform near a guess.
+
+The estimator's model has neither single rods nor a finite orientation: it closes the mean rod of an
+arm by squares of distances, and its plate tilts by a small rotation vector. With equal rods and
+level axes both describe one mechanism, which a test holds to 1e-9 mm; that test is all they share.
+
+The file begins with rotations by three angles about fixed axes, and their derivatives.
 """
 
 import math
@@ -28,23 +42,22 @@ def _about(axis: int, angle_rad: float) -> tuple[Array, Array]:
 
 
 def rotation(about_x: float, about_y: float, about_z: float) -> Array:
-    """Return (3, 3): turned about x, then y, then z of the fixed frame, rad."""
+    """Return the rotation (3, 3) about x, then y, then z of the fixed frame, by angles in rad."""
     return np.asarray(_about(2, about_z)[0] @ _about(1, about_y)[0] @ _about(0, about_x)[0])
 
 
 def rotation_and_rates(about_x: float, about_y: float, about_z: float) -> tuple[Array, Array]:
     """Return the rotation (3, 3) and its derivatives (3, 3, 3) by the three angles."""
     (x, dx), (y, dy), (z, dz) = _about(0, about_x), _about(1, about_y), _about(2, about_z)
-    zy, rates = z @ y, np.empty((3, 3, 3))
-    for rate, one, other in zip(rates, (zy, z @ dy, dz @ y), (dx, x, x), strict=True):
-        np.matmul(one, other, out=rate)
-    return zy @ x, rates
+    # product rule on Z Y X: each derivative replaces one of the three factors
+    zy = z @ y
+    return zy @ x, np.array([zy @ dx, z @ dy @ x, dz @ y @ x])
 
 
 RADIAN_AS_MM = 100.0
 """Length by which a step in angle is compared with one in position."""
 SETTLED_MM = 1e-9
-"""A step this small leaves an error at the rounding of the figures: convergence is fast."""
+"""A last step this small leaves an error of the size of rounding, since convergence is fast."""
 ITERATIONS = 25
 
 
@@ -52,11 +65,11 @@ class Growth(NamedTuple):
     """Relative growth of a robot's parts since they were cold."""
 
     arms: float = 0.0
-    """Of cranks, or of the scales of rails."""
+    """Growth of cranks, or of the scales of rails."""
     forearms: float = 0.0
-    """Of rods."""
+    """Growth of rods."""
     frame: float = 0.0
-    """Of the ways from the base frame's origin to motors or rails."""
+    """Growth of the distances from the base frame's origin to motors or rails."""
 
 
 COLD = Growth()
@@ -67,19 +80,17 @@ class Build:
     """Departures of the mechanism from its contracted model, in sizes and in errors."""
 
     plate_joints_mm: Array
-    """(n, 3): b_i, where the bars sit on the plate as seen from B'_i."""
+    """(n, 3): b_i, the bars' middles on the plate from the contracted plate joints B'_i."""
     rod_spacing_mm: float
+    """Distance of the two rods of an arm, the length of its bars."""
     rod_errors_mm: Array
     """(n, 2): each rod's length less its forearm's."""
     axis_tilts_rad: Array
-    """(n,): motor axes out of the horizontal, or rails and the bars on them leaning aside.
-
-    They are turned about the arm's direction outward.
-    """
+    """(n,): turns of motor axes, or of rails with their bars, about the arm's direction outward."""
     leans_rad: Array | None = None
-    """(n,): rails leaning outward, turned about the bars."""
+    """(n,): turns of rails about their bars, which leans them outward; None: no turns."""
     bar_turns_rad: Array | None = None
-    """(n,): bars on the plate, turned about z."""
+    """(n,): turns of the bars on the plate about z; None: no turns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,6 +103,7 @@ class Plate:
     @classmethod
     def level(cls, kind: Kind, position_mm: Array, theta_rad: float) -> Self:
         """Return a platform that is not tilted."""
+        # a platform without an inner joint has six unknowns: its θ is cut off
         return cls(np.array([*position_mm, 0.0, 0.0, 0.0, theta_rad])[: kind.unknowns])
 
     @property
@@ -110,6 +122,16 @@ class Plate:
         return float(self.unknowns[6:].sum())
 
 
+class Settled(NamedTuple):
+    """Platform at which the rods come to rest, and how they close there."""
+
+    plate: Plate
+    misfits_mm: Array
+    """(2n,): distance of each rod's ends less its length."""
+    jacobian: Array
+    """(2n, u): derivative of the misfits by the platform's unknowns."""
+
+
 class RodMechanism:
     """The mechanism's parts and their closure. Holds no state: joints in, plate out."""
 
@@ -119,8 +141,12 @@ class RodMechanism:
         self._outward = truth.outward
         outward, sideways = truth.outward, truth.sideways
         half_bar_mm = 0.5 * build.rod_spacing_mm
+        # The contracted model shifts each arm by b_i, so that its forearm ends at B'_i; the real
+        # motor is b_i beside the contracted one.
         self._motors_mm = truth.motors_mm + build.plate_joints_mm
         tilts, leans = build.axis_tilts_rad, build.leans_rad
+        # A tilted motor axis takes along the plane in which its crank swings, and the elbow's bar.
+        # The bar on the plate does not follow: this tilts the plate.
         self._down = turned(np.tile(-UP, (self.kind.arms, 1)), outward, tilts)
         leaning = truth.rails if leans is None else turned(truth.rails, sideways, leans)
         self._rails = turned(leaning, outward, tilts)
@@ -132,7 +158,7 @@ class RodMechanism:
         self._rods_mm = (truth.forearms_mm[:, None] + build.rod_errors_mm).ravel()
 
     def elbows_mm(self, joints: Array, growth: Growth = COLD) -> Array:
-        """Return (2n, 3): the rods' upper ends in the base frame."""
+        """Return the rods' upper ends (2n, 3) in the base frame."""
         places = (joints + self._truth.joint_offsets)[:, None]
         motors_mm = (1.0 + growth.frame) * self._motors_mm
         if self.kind.on_rails:
@@ -145,7 +171,12 @@ class RodMechanism:
     def misfit(
         self, elbows_mm: Array, unknowns: Array, growth: Growth = COLD
     ) -> tuple[Array, Array]:
-        """Return the gaps less the rods' lengths, (2n,) mm, and the derivative (2n, u)."""
+        """Return the distances of the rods' ends less their lengths, (2n,) mm, and the derivative.
+
+        The derivative is (2n, u), by the platform's unknowns in mm and rad.
+        """
+        # A rod's distance grows by the motion of its lower end along the rod alone: the derivative
+        # by the position is the rod's unit vector, by an angle that vector times the end's motion.
         turn, rates = rotation_and_rates(*unknowns[3:6])
         apart_mm, apart_rate_mm = self._truth.plate_joints_apart(float(unknowns[6:].sum()))
         on_plate_mm = self._anchors_mm + np.repeat(apart_mm, 2, axis=0)
@@ -163,8 +194,10 @@ class RodMechanism:
     def reflector_mm(self, plate: Plate, offset_mm: Array, half: int | None = None) -> Array:
         """Return the place (3,) of a reflector at an offset from the controlled point, on its part.
 
-        A part that turns takes the offset with it: only along its axis does an offset stay.
+        With `half`, 1 or 2, the offset begins at the joints of that half.
         """
+        # An H4's crossbar turns and takes the offset with it, unless the offset is along its axis.
+        # The halves of all other platforms keep their orientation.
         if half is not None:
             arm = 0 if half == 1 else -1
             offset_mm = offset_mm + self._truth.plate_joints_apart(plate.theta_rad)[0][arm]
@@ -174,12 +207,14 @@ class RodMechanism:
 
     def settle(
         self, joints: Array, guess: Plate, growth: Growth = COLD, settled_mm: float = SETTLED_MM
-    ) -> tuple[Plate, Array, Array]:
-        """Solve the plate near a guess; also return the rods' misfits (2n,) mm, derivative (2n, u).
+    ) -> Settled:
+        """Solve the plate near a guess by Gauss-Newton, until a step is below `settled_mm`.
 
-        Gauss–Newton until the last step was below `settled_mm`; raises `AssemblyLost` when that
-        never comes.
+        Raises `AssemblyLost` if that does not happen within 25 steps.
         """
+        # Angles are scaled to mm of motion while the step is computed: at a nearly singular pose
+        # `lstsq` judges by singular values, which must have one unit. No step is limited: callers
+        # come in small steps from a settled neighbour (`follow`) or with a guess close by.
         elbows_mm = self.elbows_mm(joints, growth)
         unknowns = guess.unknowns
         for _ in range(ITERATIONS):
@@ -191,7 +226,7 @@ class RodMechanism:
             step_mm[3:] /= RADIAN_AS_MM
             unknowns = unknowns + step_mm
             if largest_mm < settled_mm:
-                return Plate(unknowns), misfits_mm, jacobian
+                return Settled(Plate(unknowns), misfits_mm, jacobian)
         listed = ", ".join(self.kind.text(joint, ".3f") for joint in joints)
         raise AssemblyLost(
             f"the plate does not settle at joints {listed}",
@@ -207,6 +242,6 @@ def turned(vectors: Array, axes: Array, angles_rad: Array) -> Array:
 
 
 def _pairs(centres_mm: Array, half_bars_mm: Array) -> Array:
-    """Return (2n, 3): both ends of each bar, arm by arm."""
-    ends = np.stack([centres_mm - half_bars_mm, centres_mm + half_bars_mm], axis=1)
-    return np.reshape(ends, (-1, 3))
+    """Return both ends of each bar, (2n, 3), arm by arm."""
+    bar_ends_mm = np.stack([centres_mm - half_bars_mm, centres_mm + half_bars_mm], axis=1)
+    return np.reshape(bar_ends_mm, (-1, 3))

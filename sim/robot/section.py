@@ -25,17 +25,17 @@ ENTRIES_OF_AN_ARM: Mapping[str, int] = MappingProxyType(
         "backlash_mm": 1,
     }
 )
-"""Keys of a robot that list something of each arm, and how many values of it."""
+"""Keys of a robot that list values of each arm, and how many values of an arm."""
 
 OF_CARRIAGES = ("_mm", "drive_n_per_um")
-"""Ends of the keys that carriages have instead of cranks'."""
+"""Ends of the keys that only carriages have."""
 
 FlatDeltas = dict[str, float]
 """Differences of single parameters, by flat name, in the name's unit."""
 
 
 def changed(flat: Mapping[str, float], deltas: Mapping[str, float]) -> dict[str, float]:
-    """Add differences to parameters; raises `ValueError` for one of no parameter."""
+    """Add differences to parameters; raises `ValueError` for an unknown name."""
     for name in deltas:
         if name not in flat:
             raise ValueError(f"{name} is no parameter; {nearest(name, flat)}")
@@ -44,10 +44,9 @@ def changed(flat: Mapping[str, float], deltas: Mapping[str, float]) -> dict[str,
 
 @cache
 def nominal_robot(name: str) -> tuple[str, Mapping[str, float]]:
-    """Return mechanism and parameters of a shipped robot; raises `ValueError` for another name.
-
-    The robot files are data of the work, whose code the simulated cell does not know.
-    """
+    """Return mechanism and parameters of a shipped robot; raises `ValueError` for another name."""
+    # The files are read as data and with a schema of this module: importing what reads them in
+    # `campaigns` would share the names and meanings of parameters with the estimator.
     files = [f for f in resources.files("campaigns.robots").iterdir() if f.name.endswith(".yaml")]
     texts = {file.name.removesuffix(".yaml"): file.read_text(encoding="utf-8") for file in files}
     if name not in texts:
@@ -66,7 +65,7 @@ class GeometrySection(Section):
     pinion_mm: Positive | None = None
 
     def flat(self, kind: Kind) -> dict[str, float]:
-        """Return the values by flat name, mm and deg; raises `ValueError` for no such robot."""
+        """Return the values by flat name, mm and deg; raises `ValueError` if they are no robot."""
         arms = enumerate(self.arms)
         flat = {f"arm{arm}.{field}": value for arm, row in arms for field, value in row.items()}
         whole = {"plate_mm": self.plate_mm, "pinion_mm": self.pinion_mm}
@@ -107,6 +106,7 @@ class Warmth(Section):
 
     def warmer_by(self, worked_s: float) -> float:
         """Return the temperature above that of the start, °C."""
+        # first-order warming: the rise times 1 - exp(-t / τ), by worked time
         return self.rise_degC * -math.expm1(-worked_s / self.time_constant_s)
 
 
@@ -132,7 +132,7 @@ class Thermal(Section):
         return {"arms": arms, "forearms": self.forearms, "frame": self.frame}
 
     def growth(self, worked_s: float) -> Growth:
-        """Return the relative growth by now."""
+        """Return the relative growth of the parts after a time of work."""
         parts = self.parts.items()
         return Growth(
             **{name: PPM * part.ppm_per_degC * part.warmer_by(worked_s) for name, part in parts}
@@ -246,9 +246,10 @@ class RobotSection(Section):
     def _has_an_entry_for_each_arm(self) -> Self:
         for key, entries in ENTRIES_OF_AN_ARM.items():
             count = entries * self.kind.arms
-            if (given := getattr(self, key)) and len(given) != count:
-                raise ValueError(f"{key} has {len(given)} entries, a {self.mechanism} has {count}")
-        told = {
+            if (values := getattr(self, key)) and len(values) != count:
+                raise ValueError(f"{key} has {len(values)} entries, a {self.mechanism} has {count}")
+        # a size for cranks on a robot with carriages, or the reverse, would have no effect: refused
+        sizes = {
             "backlash_arcmin": any(self.backlash_arcmin),
             "backlash_mm": any(self.backlash_mm),
             "transmission.eccentricity_um": self.transmission.eccentricity_um,
@@ -257,7 +258,7 @@ class RobotSection(Section):
             "weight.gear_nm_per_arcmin": self.weight.gear_nm_per_arcmin,
             "weight.drive_n_per_um": self.weight.drive_n_per_um,
         }
-        for key, size in told.items():
+        for key, size in sizes.items():
             if size and key.endswith(OF_CARRIAGES) is not self.kind.on_rails:
                 raise ValueError(f"{key} is of other arms than a {self.mechanism} has")
         if self.reflector.half is not None and self.kind.turn is None:

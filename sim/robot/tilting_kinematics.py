@@ -1,8 +1,17 @@
-"""Inverse kinematics of a controller that knows how its plate tilts, sags and yields: by its rods.
+"""Inverse kinematics of a controller that computes how its plate tilts, sags and yields: by rods.
 
 Unequal rods, tilted axes and turned bars tilt the plate and move the reflector; a frame that bends
 and drives that yield lower it. Such a controller aims its plain kinematics a little beside the
-wanted pose, until the rods put the reflector where it is wanted.
+wanted pose, until the rods put the reflector where it is wanted:
+
+1. plain inverse kinematics of the aim (assembly.py) gives joints;
+2. a mechanism of single rods, built from the parameters that were loaded, is settled at them, and
+   a second time with what its drives yield under the weight;
+3. what the reflector and the turn miss is taken from the aim, and the rounds begin again.
+
+The misses are tenths of a millimetre and change little with the aim, so a few rounds are enough.
+The estimator, and the module for LinuxCNC, compute with sums and differences of rods instead; a
+test holds that both ways agree (docs/adr/0016-controllers-that-compute-plate-tilt.md).
 """
 
 from collections.abc import Mapping
@@ -16,9 +25,9 @@ from sim.robot.assembly import OutOfReach, joints_for
 from sim.robot.rods import Build, Plate, RodMechanism, turned
 from sim.robot.transmission import heights_by_joints
 
-ROUNDS = 20
+MOST_ROUNDS = 20
 CLOSE_MM = 1e-8
-"""Distance between where the reflector is and where it is wanted."""
+"""Distance of the reflector from its wanted place at which the rounds end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +35,7 @@ class KnownPlate:
     """Sizes of a platform that no parameter holds."""
 
     joints_mm: Array
-    """(n, 3): where the bars sit, as seen from the contracted joints."""
+    """(n, 3): the bars' middles on the plate, from the contracted plate joints."""
     rod_spacing_mm: float
     reflector_mm: Array
     """(3,): from the controlled point."""
@@ -44,22 +53,22 @@ def tilted_joints_for(
 
     Raises `OutOfReach`.
     """
+    # Each round settles from the plate of the round before, which is close: so the assembly stays.
     geometry, rods = _mechanism(flat, kind, sizes)
-    give = _give(flat, kind)
+    compliance = _compliance(flat, kind)
     level = Plate.level(kind, position_mm, turn_rad)
     wanted_mm = rods.reflector_mm(level, sizes.reflector_mm)
     aim_mm, aim_rad, plate = position_mm, turn_rad, level
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         joints = joints_for(geometry, aim_mm, aim_rad)
         try:
-            plate, _, _ = rods.settle(joints, plate)
-            if give.any():
-                lifts = heights_by_joints(rods, joints, plate)[1]
-                plate, _, _ = rods.settle(joints - give * lifts, plate)
+            plate = rods.settle(joints, plate).plate
+            if compliance.any():
+                _, lifts = heights_by_joints(rods, joints, plate)
+                plate = rods.settle(joints - compliance * lifts, plate).plate
         except AssemblyLost as lost:
-            raise OutOfReach(0) from lost
-        there_mm = rods.reflector_mm(plate, sizes.reflector_mm)
-        error_mm = there_mm - wanted_mm
+            raise OutOfReach(0) from lost  # no single arm is to blame: the first one is named
+        error_mm = rods.reflector_mm(plate, sizes.reflector_mm) - wanted_mm
         error_mm[2] += _rise_mm(flat, position_mm + error_mm)
         error_rad = plate.theta_rad - level.theta_rad
         if float(np.abs([*error_mm, geometry.apart_mm * error_rad]).max()) < CLOSE_MM:
@@ -69,14 +78,17 @@ def tilted_joints_for(
 
 
 def _rise_mm(flat: Mapping[str, float], position_mm: Array) -> float:
-    """Return the plate's rise by a bending frame, over 400 mm sideways and 200 mm of height."""
+    """Return the plate's rise by a bending frame at a position, mm."""
+    # the parameters are stated over 400 mm sideways and 200 mm of height
     x, y, z = position_mm[0] / 400.0, position_mm[1] / 400.0, position_mm[2] / 200.0
     parts = zip(SAG, (x, y, x * x + y * y, z), strict=True)
     return float(sum(flat.get(name, 0.0) * by for name, by in parts))
 
 
-def _give(flat: Mapping[str, float], kind: Kind) -> Array:
-    """Return by how much joints (n,) give way for 1 mm of the plate's rise by a rad or mm."""
+def _compliance(flat: Mapping[str, float], kind: Kind) -> Array:
+    """Return the motion of joints (n,) for 1 mm of the plate's rise by 1 rad or mm of the joint."""
+    # The parameter is the yielding of a drive whose joint lifts the plate by 300 mm a rad, or of a
+    # carriage that lifts it by its own travel (docs/explanation/model.md, transmission).
     values = [flat.get(f"arm{arm}.compliance_{kind.unit}", 0.0) for arm in range(kind.arms)]
     return np.array([kind.inner(value) for value in values]) * kind.scale / CRANK_MM
 
@@ -84,6 +96,8 @@ def _give(flat: Mapping[str, float], kind: Kind) -> Array:
 def _mechanism(
     flat: Mapping[str, float], kind: Kind, sizes: KnownPlate
 ) -> tuple[Geometry, RodMechanism]:
+    """Build the contracted robot and its single rods from flat parameters."""
+
     def column(field: str) -> Array:
         values = [flat.get(f"arm{arm}.{field}", 0.0) for arm in range(kind.arms)]
         return np.radians(values)
@@ -103,7 +117,8 @@ def _mechanism(
     )
     if not kind.on_rails:
         return geometry, RodMechanism(geometry, build)
-    # rods tilt rails together with their bars; these rails lie where they do already
+    # `RodMechanism` tilts a rail together with its bar, but this parameter tilts the bar alone: the
+    # rails are turned back first, so that they end where their own parameters have them
     untilted = _along(geometry, turned(geometry.rails, geometry.outward, -tilts))
     return geometry, RodMechanism(untilted, build)
 

@@ -1,4 +1,17 @@
-"""Errors between encoders and joints: eccentric scales, gears, screws, sag under weight."""
+"""Errors between encoders and joints: eccentric scales, gears, screws, sag under weight.
+
+Two sides that must not agree by construction are in this file:
+
+- the true robot. `Transmission.joints` computes the joints that really are at encoder readings:
+  a ratio, an eccentric scale on the joint, and one on the motor that repeats with each of its
+  turns. The misreading of a scale is the exact one of a circle that turns beside its centre.
+  `Load.yielding` adds what gears give way under weights, by virtual work on the single rods.
+- a controller that can compensate. `readings_for` inverts the model of the parameters that `load`
+  gives it (docs/explanation/model.md): a sine and a cosine, first order in the eccentricity.
+
+A calibrated cell therefore keeps what first order neglects, as a real robot does. Play is not here,
+since it depends on the way (driven_robot.py).
+"""
 
 import math
 from collections.abc import Mapping
@@ -9,31 +22,31 @@ import numpy as np
 from sim.geometry import Array, Kind
 from sim.robot.rods import Plate, RodMechanism
 
-DIFFERENCE = 1e-6
-"""Step of a joint for the way of the elbows, rad or mm."""
+JOINT_STEP = 1e-6
+"""Step of a joint for the derivative of the elbows' places, rad or mm."""
 HEIGHT = 2
-"""Place of z among a plate's unknowns."""
-ROUNDS = 30
-STANDS = 1e-9
-"""Way below which a joint stays where it is, rad; of carriages in `Kind.scale`."""
+"""Index of z among a plate's unknowns."""
+READING_ROUNDS = 30
+LEAST_MOTION = 1e-9
+"""Motion below which a joint has stayed where it is, rad; of carriages times `Kind.scale`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transmission:
-    """True joints by what encoders read, each error an entry a joint, (n,)."""
+    """True joints by encoder readings; each error has an entry for each joint, (n,)."""
 
     eccentricity: Array
-    """Of a scale's centre over its radius: largest error, rad."""
+    """Distance of a scale's centre from its axis over the scale's radius: largest error, rad."""
     phase_rad: Array
-    """Where that is."""
+    """Reading at which the eccentricity's error crosses zero upward, rad."""
     ratio: Array
-    """Ratio or pitch over what the controller believes, less 1."""
+    """True ratio or pitch over the nominal one, less 1."""
     ripple: Array
-    """Largest error in each turn of the motor, rad or mm: of an eccentric encoder there."""
+    """Largest error in each turn of the motor, by an eccentric encoder there, rad or mm."""
     ripple_phase_rad: Array
-    """Where that is in the motor's turn."""
+    """Turn of the motor at which the ripple crosses zero upward, rad."""
     motor_rad: float = 1.0
-    """The motor's turn for 1 rad or mm of a joint."""
+    """Turn of the motor for 1 rad or mm of a joint, rad."""
 
     @classmethod
     def perfect(cls, joints: int) -> "Transmission":
@@ -42,6 +55,8 @@ class Transmission:
 
     def joints(self, encoders: Array) -> Array:
         """Return the joints (N, n) or (n,) of encoders' readings of the same shape."""
+        # The encoder on the motor misreads the motor's angle: in the joint's unit this error is
+        # divided by the ratio, and it comes back with each of the motor's turns.
         turned = self.motor_rad * encoders - self.ripple_phase_rad
         of_motor = _misread_rad(turned, self.motor_rad * self.ripple) / self.motor_rad
         eccentric = _misread_rad(encoders - self.phase_rad, self.eccentricity)
@@ -50,6 +65,8 @@ class Transmission:
 
 def _misread_rad(reading_rad: Array, eccentricity: Array) -> Array:
     """Return the true angle less the reading of a scale whose centre is beside the axis."""
+    # Let the axis be e radii from the scale's centre, toward reading 0. From there the mark of
+    # reading φ is seen at φ + atan2(e sin φ, 1 - e cos φ); to first order the error is e sin φ.
     return np.asarray(
         np.arctan2(eccentricity * np.sin(reading_rad), 1.0 - eccentricity * np.cos(reading_rad))
     )
@@ -60,13 +77,16 @@ class Load:
     """Weights that gears carry, and how stiff those are."""
 
     at_elbow_n: float = 0.0
-    """Of each arm, or of each carriage."""
+    """Weight at the elbow of each arm, or of each carriage."""
     at_plate_n: float = 0.0
+    """Weight at the plate."""
     stiffness: float = math.inf
-    """Of each gear beyond its encoder, N mm/rad, or of each drive of a carriage, N/mm."""
+    """Stiffness of each gear beyond its encoder, N mm/rad, or of a carriage's drive, N/mm."""
 
     def yielding(self, rods: RodMechanism, joints: Array, plate: Plate) -> Array:
-        """Return (n,): by how much each joint gives way, rad or mm."""
+        """Return the motion (n,) by which each joint gives way, rad or mm."""
+        # A weight times its rise by a joint is that joint's torque; over the stiffness it is the
+        # motion, against the rise. The encoder is on the motor's side and does not see it.
         elbow, whole = heights_by_joints(rods, joints, plate)
         return -(self.at_elbow_n * elbow + self.at_plate_n * whole) / self.stiffness
 
@@ -75,33 +95,43 @@ WEIGHTLESS = Load()
 
 
 def heights_by_joints(rods: RodMechanism, joints: Array, plate: Plate) -> tuple[Array, Array]:
-    """Return the rise of its own elbow, and of the plate, by each joint, (n,) each.
+    """Return the rise of each joint's elbow, and of the plate, by the joint, (n,) each.
 
-    Times the weights there it is the torque of each joint, by virtual work.
+    In mm per rad or mm. Times the weights there they are each joint's torque, by virtual work.
     """
+    # 1. Misfits stay least while the elbows move: the plate's motion is the pseudo-inverse of the
+    #    misfits' derivative times what the elbows' motion takes from each rod's distance.
+    # 2. Of that motion only the row of z is needed.
     elbows_mm = rods.elbows_mm(joints)
     _, by_plate = rods.misfit(elbows_mm, plate.unknowns)
     lift = np.linalg.pinv(by_plate)[HEIGHT]
     elbow, whole = np.empty(len(joints)), np.empty(len(joints))
     for joint in range(len(joints)):
         moved = joints.copy()
-        moved[joint] += DIFFERENCE
-        way = (rods.elbows_mm(moved) - elbows_mm) / DIFFERENCE
-        elbow[joint] = way[2 * joint, HEIGHT]
-        whole[joint] = lift @ np.einsum("ri,ri->r", by_plate[:, :3], way)
+        moved[joint] += JOINT_STEP
+        elbow_rates = (rods.elbows_mm(moved) - elbows_mm) / JOINT_STEP
+        elbow[joint] = elbow_rates[2 * joint, HEIGHT]
+        # the first three columns are the rods' unit vectors
+        whole[joint] = lift @ np.einsum("ri,ri->r", by_plate[:, :3], elbow_rates)
     return elbow, whole
 
 
 def readings_for(
     flat: Mapping[str, float], kind: Kind, ripple_rate: float, joints: Array, present: Array
 ) -> Array:
-    """Find the encoder readings (n,) at which arms stand at joints (n,), offsets aside.
+    """Find the encoder readings (n,) at which arms stand at joints (n,), offsets left out.
 
-    With q the reading, N the ripples' rate and s = ±1 the way that a joint last went, an arm stands
-    at q + k q + a sin q + b cos q + c sin Nq + d cos Nq - ½ β s. The errors change far more slowly
-    than q, so that q follows by substitution. Of the two readings of a joint, one from each side,
-    it is the one beyond where the joint is at present; between them the nearer one.
+    `present` are the readings (n,) from which the joints go there.
     """
+    # With q the reading, N the ripples' rate and s = ±1 the side that the joint moves to, an arm
+    # stands at
+    #
+    #     q + k q + a sin q + b cos q + c sin Nq + d cos Nq - ½ β s
+    #
+    # 1. For either side q follows by substitution, since the errors change far more slowly than q.
+    # 2. Of these two readings a joint takes the one for the side to which it moves. If both are
+    #    above the present reading it rises, if both are below it falls; between them either would
+    #    contradict its own side, and the nearer one is taken.
 
     def column(stem: str) -> Array:
         key = f"{stem}_{kind.unit}"
@@ -114,17 +144,17 @@ def readings_for(
 
     def reading(side: float) -> Array:
         q = joints
-        for _ in range(ROUNDS):
+        for _ in range(READING_ROUNDS):
             errors = gain * q + a * np.sin(q) + b * np.cos(q)
             errors = errors + c * np.sin(ripple_rate * q) + d * np.cos(ripple_rate * q)
             q = joints - errors + half * side
         return q
 
     falling, rising = reading(-1.0), reading(1.0)
-    stands = STANDS * kind.scale
+    tolerance = LEAST_MOTION * kind.scale
     goes_up = np.where(
-        (present > falling - stands) & (present < rising + stands),
+        (present > falling - tolerance) & (present < rising + tolerance),
         present > 0.5 * (falling + rising),
-        present <= falling - stands,
+        present <= falling - tolerance,
     )
     return np.where(goes_up, rising, falling)

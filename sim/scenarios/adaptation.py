@@ -1,7 +1,13 @@
-"""A scenario for another robot than it was written for: its errors as large, its cell the same.
+"""A scenario for another robot than it was written for, with errors of equal size.
 
-Named errors of one robot mean nothing to another: they become tolerances of the same size, drawn by
-the seed. What holds for cranks' angles holds for carriages by the way of a typical crank's end.
+The cell file is edited as text, so that its comments stay and the user can read what has changed:
+
+1. geometry, joint limits, start and workspace centre become the robot's;
+2. for another mechanism, named errors (`arm1.forearm_mm`) have no meaning: each group becomes a
+   tolerance of its rms size, drawn by the seed; entries of each arm are dropped, and backlash gets
+   its mean at every new arm;
+3. sizes of cranks become sizes of carriages by the way of a typical crank's end, at 300 mm;
+4. the result is parsed, so that a scenario that does not fit is refused here.
 """
 
 import math
@@ -18,7 +24,7 @@ from sim.section import Point
 MM_PER_ARCMIN = CRANK_MM * math.radians(1.0 / 60.0)
 MM_PER_ARCSEC = MM_PER_ARCMIN / 60.0
 SAME_WITHIN = {"mm": 20.0, "deg": 5.0}
-"""Robots nearer than that are one, before and after a calibration."""
+"""Differences below which two sets are one robot, before and after a calibration."""
 
 
 def adapted(
@@ -28,9 +34,9 @@ def adapted(
     joint_limits: tuple[float, float],
     centre_mm: Point,
 ) -> str:
-    """Adapt a cell file to a robot, unless it is of that robot; raises `ScenarioInvalid`.
+    """Adapt a cell file to a robot, unless it already is of that robot; raises `ScenarioInvalid`.
 
-    Its geometry is by flat name, mm and deg, its limits are in the unit of its joints.
+    `geometry` is by flat name, mm and deg; `joint_limits` are in the unit of the joints.
     """
     if mechanism not in KINDS:
         raise ScenarioInvalid(
@@ -52,6 +58,7 @@ def adapted(
             robot.insert(0, "mechanism", mechanism)
         robot.insert(1, "geometry", _geometry(kind, geometry))
         robot["workspace_centre_mm"] = _row(*centre_mm)
+        # the part at the point turns with its reflector: only on its axis does it stay in place
         if kind.turns_point:
             robot.setdefault("reflector", {})["offset_mm"] = _row(0.0, 0.0, -45.0)
             robot.yaml_add_eol_comment("the part at the point turns: on its axis", "reflector")
@@ -59,12 +66,13 @@ def adapted(
         controller[f"joint_limits_{kind.unit}"] = _row(*joint_limits)
         controller["start"] = CommentedMap(zip(("x_mm", "y_mm", "z_mm"), centre_mm, strict=True))
         controller["start"].fa.set_flow_style()
+        # a platform that does not turn has no rotation test, and so no limit for it
         if kind.turn is None:
             tree.get("acceptance", {}).pop("rotation_mm", None)
 
-    text = edited(text, fit)
-    parse_scenario(text, f"the scenario for {mechanism}")
-    return text
+    adapted_text = edited(text, fit)
+    parse_scenario(adapted_text, f"the scenario for {mechanism}")
+    return adapted_text
 
 
 def computing_all(text: str) -> str:
@@ -101,6 +109,8 @@ def _row(*values: float) -> CommentedSeq:
 
 def _spread_errors(section: CommentedMap, kind: Kind) -> None:
     """Replace the named errors by tolerances of their size (rms)."""
+    # Several stems may share a tolerance, such as arms and forearms the one of lengths: the rms is
+    # over all of their values.
     errors = section.pop("errors", None)
     if not errors:
         return
@@ -119,7 +129,9 @@ def _tolerance_of(field: Field) -> str:
 
 
 def _fit_arms(section: CommentedMap, kind: Kind) -> None:
-    """Replace the entries of each arm by a backlash of the mean size at as many arms."""
+    """Replace the entries of each arm by a backlash of the mean size at all new arms."""
+    # Errors of single rods, places on the plate and tilts of axes go: they belong to arms that the
+    # new robot does not have, and tolerances of rods and axes stay.
     entries = {key: section.pop(key, None) for key in ENTRIES_OF_AN_ARM}
     if backlash := entries["backlash_arcmin"]:
         mean = sum(backlash) / len(backlash)
@@ -129,6 +141,8 @@ def _fit_arms(section: CommentedMap, kind: Kind) -> None:
 
 def _fit_drives(section: CommentedMap) -> None:
     """Replace motors and gears by screws and drives of carriages; rings of encoders go."""
+    # A stiffness in N m per arc minute becomes the force at a lever of 300 mm over the way of one
+    # arc minute there, N/µm; the other sizes become that way.
     gears = section.get("transmission", {})
     for key in ("eccentricity_um", "ring_mm"):
         gears.pop(key, None)

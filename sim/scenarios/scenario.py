@@ -1,4 +1,8 @@
-"""Scenarios: shipped ones by name, others by path."""
+"""Scenarios: shipped ones by name, others by path.
+
+A cell file is read within bounds (drivers/bounded_files.py), parsed by the schema, and refused with
+the first thing wrong, its place, and a remedy. Where a file is edited, its comments are kept.
+"""
 
 import json
 from collections.abc import Callable
@@ -18,16 +22,16 @@ from sim.scenarios.schema import Scenario
 from sim.section import nearest
 
 SCHEMA = "pkmcal/cell/1"
-VALUE_SHOWN = 40
+VALUE_LENGTH_SHOWN = 40
 SUFFIX = ".yaml"
-FOLDED_AT = 80
+FOLDED_AT_COLUMN = 80
 _TWO_FACES = "leave it out: the tracker's own two-face routine does it before the campaign"
 REMOVED = {
     "controller.joints_from": "leave it out: beside a real controller a cell follows its joints",
     "tracker.faces": _TWO_FACES,
     "tracker.two_face_arcsec": _TWO_FACES,
 }
-"""Keys that earlier versions knew, each with what to do instead."""
+"""Keys of earlier versions, each with its remedy."""
 
 
 def shipped_scenarios() -> tuple[str, ...]:
@@ -61,6 +65,8 @@ def parse_scenario(text: str, name: str) -> Scenario:
             f"{name}: is not a scenario file", remedy=f"begin with 'schema: {SCHEMA}'"
         )
     contents = {key: value for key, value in tree.items() if key != "schema"}
+    # By way of JSON: pydantic is strict about Python's types, but a list of a file has to become
+    # the tuple of the schema, and what is no JSON (a date, a set) is to be refused as a text.
     try:
         return Scenario.model_validate_json(json.dumps(contents, default=str))
     except ValidationError as error:
@@ -73,7 +79,7 @@ def parse_scenario(text: str, name: str) -> Scenario:
 
 
 def _explained(error: ValidationError, name: str) -> ScenarioInvalid:
-    """Word the first thing wrong, with its place."""
+    """Return an error that states the first finding, its place, and how many more there are."""
     details = error.errors()
     first = details[0]
     more = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
@@ -83,6 +89,7 @@ def _explained(error: ValidationError, name: str) -> ScenarioInvalid:
 
 
 def _reason(detail: ErrorDetails) -> tuple[str, str]:
+    """Return what is wrong by one of pydantic's findings, and its remedy."""
     if detail["type"] == "extra_forbidden":
         *parents, unknown = detail["loc"]
         instead = REMOVED.get(".".join(map(str, detail["loc"])))
@@ -91,12 +98,13 @@ def _reason(detail: ErrorDetails) -> tuple[str, str]:
         return "is missing", "add it"
     if detail["type"] == "value_error":
         return f"is inconsistent: {detail['ctx']['error']}", "correct it"
-    shown = json.dumps(detail["input"], default=str)[:VALUE_SHOWN]
+    shown = json.dumps(detail["input"], default=str)[:VALUE_LENGTH_SHOWN]
     return f"is {shown}: {detail['msg'].lower()}", "correct the value"
 
 
 def _keys_at(path: list[int | str]) -> list[str]:
-    """Return the keys that the schema knows at a place in the file."""
+    """Return the keys that the schema has at a place in the file."""
+    # the path has keys and indices of lists; indices lead to no other section
     model: type[BaseModel] = Scenario
     for step in path:
         if isinstance(step, str):
@@ -121,7 +129,7 @@ def scenario_text(name_or_path: str, seed: int | None = None) -> str:
     text = _source(name_or_path)
     if seed is None:
         return text
-    return edited(text, lambda tree: tree.update(seed=seed), width=FOLDED_AT)
+    return edited(text, lambda tree: tree.update(seed=seed), width=FOLDED_AT_COLUMN)
 
 
 def edited(text: str, edit: Callable[[CommentedMap], None], width: int = 1000) -> str:

@@ -1,4 +1,7 @@
-"""Schema of a scenario file (`pkmcal/cell/1`)."""
+"""Schema of a scenario file (`pkmcal/cell/1`).
+
+Docstrings of the fields are the words of docs/reference/files.md, which `make reference` writes.
+"""
 
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -38,11 +41,11 @@ class FaultSection(Section):
 
     @property
     def counter(self) -> str:
-        """The key that says when."""
+        """Key of the occurrence at which the fault is due."""
         return next(key for key in self.KINDS if getattr(self, key) is not None)
 
     def fault(self) -> script.Fault:
-        """Return the fault with the occurrence that it counts."""
+        """Return the fault for the fault script."""
         counts = {"at_measurement": script.Counted.MEASUREMENT, "at_move": script.Counted.MOVE}
         counts |= {"at_result": script.Counted.RESULT}
         key = self.counter
@@ -51,6 +54,7 @@ class FaultSection(Section):
 
     @model_validator(mode="after")
     def _is_one_fault(self) -> Self:
+        # pydantic has checked the fields one by one; these rules join several of them
         if sum(getattr(self, key) is not None for key in self.KINDS) != 1:
             raise ValueError(f"give exactly one of {', '.join(self.KINDS)}")
         if (self.device is not None) != (self.at_answer is not None):
@@ -62,7 +66,7 @@ class FaultSection(Section):
 
 
 class AcceptanceSection(Section):
-    """Limits that a campaign on this cell asks for; None: not asked for."""
+    """Limits of a campaign on this cell; left out: no limit."""
 
     distance_mean_mm: Positive | None = None
     distance_max_mm: Positive | None = None
@@ -102,6 +106,7 @@ class Scenario(Section):
         wrong = any(fault.kind == "wrong_target" for fault in self.faults)
         if wrong and self.tracker.other_reflector_mm is None:
             raise ValueError("a wrong_target needs tracker.other_reflector_mm")
+        # a script has one fault for an occurrence: a second one would silently replace the first
         places = [(f.counter, f.device, getattr(f, f.counter)) for f in self.faults]
         if len(set(places)) < len(places):
             raise ValueError("two faults are at the same place")

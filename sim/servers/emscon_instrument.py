@@ -1,4 +1,10 @@
-"""A simulated emScon instrument: its settings, readings and results, in mm, rad, °C and hPa."""
+"""A simulated emScon instrument: its settings, readings and results, in mm, rad, °C and hPa.
+
+Settings belong to the instrument, not to a connection: they are those of power-on until a client
+sets them, and stay when it leaves. A setting that exists and a value that it cannot have are
+refused by emScon's number of the wrong parameter; a command that this instrument lacks, or a value
+of which it has only one, as not implemented.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import astuple, dataclass
@@ -34,7 +40,7 @@ ONLY: Mapping[Command, said.Code] = {
     Command.SET_MEASUREMENT_MODE: said.Code(STATIONARY),
     Command.SET_COORDINATE_SYSTEM_TYPE: said.Code(RIGHT_HANDED_RECTANGULAR),
 }
-"""Settings of which there is one value."""
+"""Settings that have only one value here."""
 FOUND = (
     StatusBit.TRACKER_FOUND
     | StatusBit.TRACKER_COMPENSATION
@@ -45,7 +51,7 @@ FOUND = (
 
 @dataclass(frozen=True, slots=True)
 class EmsconOutcome:
-    """Outcome of a command: a status, one answer or several, and what other clients get."""
+    """Outcome of a command: a status, its answers, and the change of settings to report."""
 
     status: int = ResultStatus.ALL_OK
     bodies: tuple[said.Body, ...] = (NOTHING,)
@@ -70,6 +76,7 @@ class EmsconInstrument:
                 Statistics.STANDARD, Statistics.STANDARD
             ),
         }
+        # readings are taken from the tracker at the time of the question, nothing is kept of them
         self._readers: dict[Command, Callable[[float], said.Body]] = {
             Command.GET_SYSTEM_STATUS: self._system_status,
             Command.GET_ENVIRONMENT_PARAMS: lambda now_s: said.Environment(*tracker.weather(now_s)),
@@ -84,12 +91,12 @@ class EmsconInstrument:
 
     @property
     def units(self) -> said.Units:
-        """Units of the wire, as they are set."""
+        """Units of the wire that are set."""
         return cast("said.Units", self._kept[Command.GET_UNITS])
 
     @property
     def settings(self) -> said.SystemSettings:
-        """Switches."""
+        """Switches that are set."""
         return cast("said.SystemSettings", self._kept[Command.GET_SYSTEM_SETTINGS])
 
     @property
@@ -99,7 +106,7 @@ class EmsconInstrument:
         return mode.time_ms / MS_PER_S
 
     def obey(self, request: EmsconRequest, now_s: float) -> EmsconOutcome:
-        """Do what a command wants, or refuse it."""
+        """Carry out a command, or refuse it."""
         reader = self._readers.get(request.command)
         if reader is not None:
             return EmsconOutcome(bodies=(reader(now_s),))
@@ -110,10 +117,9 @@ class EmsconInstrument:
         return self._set(request.command, request.body)
 
     def result_of(self, shot: Measurement) -> said.SingleResult | said.SingleResult2:
-        """Return a shot's result, with covariances if they are wanted; the beam is centred.
-
-        The covariance that it was drawn by stands for the observed and for the a-priori one.
-        """
+        """Return the result packet of a shot, with covariances if statistics are extended."""
+        # The covariance by which the shot was drawn stands for the observed and for the a-priori
+        # one. Offsets of the beam from the reflector's centre are 0.
         assert shot.covariance_mm2 is not None, "our own tracker states it"
         assert shot.weather is not None, "it has a weather station"
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = shot.covariance_mm2
@@ -129,7 +135,7 @@ class EmsconInstrument:
         return said.SingleResult2(*head, mixed, ZERO, std, total, mixed, *air)
 
     def _set(self, command: Command, wanted: said.Body) -> EmsconOutcome:
-        """Keep a setting and say what has changed, or refuse it."""
+        """Keep a setting and return what has changed, or refuse it."""
         if command == Command.SET_ENVIRONMENT_PARAMS:
             return EmsconOutcome()  # its own weather station goes on
         name = command.name.removeprefix("SET_")
@@ -141,10 +147,11 @@ class EmsconInstrument:
         return EmsconOutcome(change=SystemChange[name])
 
     def _obstacle(self, command: Command, wanted: said.Body) -> int:
-        """Return the status that refuses a setting, or 0; the head takes what is its own."""
+        """Return the status that refuses a setting, or 0; settings of the head are made here."""
         match wanted:
             case said.Code(identifier) if command == Command.SET_REFLECTOR:
                 return _wrong(self._tracker.select_reflector(identifier))
+            # settings with one possible value: it is accepted, any other is not implemented
             case said.Code():
                 return 0 if wanted == ONLY[command] else NOT_IMPLEMENTED.status
             case said.SearchParams(radius_mm, timeout_ms):
@@ -160,6 +167,7 @@ class EmsconInstrument:
         major, minor, build = (*map(int, self._tracker.firmware.split(".")), 0, 0, 0)[:3]
         return said.SystemStatus(
             ResultStatus.ALL_OK,
+            # of the start-up ladder of a real controller only these two steps are simulated
             ProcessorStatus.INITIALIZED if is_up else ProcessorStatus.BOOTED,
             LaserStatus.READY if is_warm else LaserStatus.HEATING_UP,
             ADM_READY,
@@ -202,14 +210,16 @@ class EmsconInstrument:
         )
 
     def _reflectors(self) -> tuple[said.ReflectorEntry, ...]:
-        known = self._tracker.reflectors
-        if not known:
+        # one packet for each definition, and each packet states their number. What an instrument
+        # without definitions answers is not public: our choice is one empty entry.
+        reflectors = self._tracker.reflectors
+        if not reflectors:
             return (said.ReflectorEntry(0, 0, 0, 0.0, ""),)
         return tuple(
             said.ReflectorEntry(
-                len(known), r.id, r.target_type, r.surface_offset_mm, r.name[:LONGEST_NAME]
+                len(reflectors), r.id, r.target_type, r.surface_offset_mm, r.name[:LONGEST_NAME]
             )
-            for r in known
+            for r in reflectors
         )
 
     def _serial(self) -> int:

@@ -1,4 +1,23 @@
-"""The simulated tracker's side of emScon (docs/reference/emscon.md): one connection, no socket."""
+"""The simulated tracker's side of emScon (docs/reference/emscon.md): one connection, no socket.
+
+Theory of operation. emScon is asynchronous: answers, results, status changes and errors share one
+stream, and a client must sort them by their packet's type.
+
+1. Settings and questions (`EmsconInstrument`) are answered at once.
+2. Initialize, GoPosition and FindReflector are answered at their end. StartMeasurement is answered
+   at its begin, and its end sends a result packet, or an error packet in its place.
+3. One command may be under way (`_pending`). Until its end every other command is refused as busy;
+   only StopMeasurement comes through.
+4. Unasked packets report the traffic light, a lost beam, initialisation, warm-up, changes of
+   settings, and live positions, if the client has switched them on.
+
+`_catch_up` carries out what is due before each request and in each `advance`, so that a request
+meets the state of its own time. `at_result` faults change a result after it was measured, not
+before: the tracker's record has the true one, and a client that believes the packet is found out.
+
+No public source has the numbers of some errors, nor the order of some packets; docs/reference/
+emscon.md lists them, and what is chosen here is marked.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,14 +38,14 @@ from drivers.wire.emscon_constants import (
 from sim.faults import Counted, Fault, FaultScript
 from sim.servers.conversation import ServedSession
 from sim.servers.emscon_instrument import EmsconInstrument, EmsconOutcome
-from sim.servers.emscon_units import POWER_ON_UNITS, heard, told
+from sim.servers.emscon_units import POWER_ON_UNITS, from_wire, to_wire
 from sim.tracker.instrument import SimulatedTracker
 
 UNKNOWN_COMMAND = 64
-"""Command of an error that is about no command."""
+"""Command number in an error packet that is about no command."""
 BEAM_LOST_STATUS = ResultStatus.NO_STATIONARY_RESULT
 NOT_FOUND_STATUS = ResultStatus.UNKNOWN
-"""The real numbers are in no public source; these are taken from the public table."""
+"""Our choice from the public table: no public source has the real numbers."""
 POSITION_INTERVAL_S = 1.0 / 3.0
 
 LIGHT_CHANGES = {
@@ -43,8 +62,8 @@ EVENT_CHANGES = {
 class EmsconSession(ServedSession):
     """Answers one client, one command at a time; `WireError` means that it must be closed.
 
-    A second client is refused every command. The instrument keeps its settings longer than a
-    session; without one they are those of power-on.
+    A second client is refused every command. `instrument` keeps its settings over sessions; without
+    it they are those of power-on.
     """
 
     def __init__(
@@ -63,19 +82,20 @@ class EmsconSession(ServedSession):
         self._requests = emscon.from_client()
         self._instrument = EmsconInstrument(tracker) if instrument is None else instrument
         self._pending: tuple[Command, float] | None = None
-        """The one command that is under way, and when it ends."""
+        """Command under way and its end; None: the next command is accepted."""
         self._shown: TrackerLight | None = None
         self._next_position_s = 0.0
         self._fault: Fault | None = None
+        """Fault that hits the result of the present measurement."""
         self._latest_result: bytes | None = None
         self._straggler: tuple[bytes, float] | None = None
-        """Result that comes after its measurement has been reported as failed, and when."""
+        """Result that is sent after its measurement was reported as failed, and the time."""
 
     @override
     def received(self, data: bytes, now_s: float) -> None:
-        """Obey what these bytes complete; raises `WireError` for what is not of the protocol.
+        """Obey the requests that these bytes complete; raises `WireError` for other packets.
 
-        What that changes is reported by `advance`, which is to be called next.
+        What they change is reported by `advance`, which is to be called next.
         """
         for request in self._requests(data):
             self._catch_up(now_s)
@@ -86,12 +106,12 @@ class EmsconSession(ServedSession):
         """End what is due, and report what has happened by now."""
         self._catch_up(now_s)
         if not self._is_second:
-            self._show(self._light(now_s))
-            self._tell_position(now_s)
+            self._report_light(self._light(now_s))
+            self._send_position(now_s)
 
     @override
     def next_due_s(self) -> float | None:
-        """Return the time of the next thing that happens by itself."""
+        """Return the time of the next event of its own; None if all depends on the client."""
         if self._is_second:
             return None
         times = [
@@ -104,14 +124,14 @@ class EmsconSession(ServedSession):
 
     @override
     def closed(self, now_s: float) -> None:
-        """Forget what was under way; the head finishes its motion."""
+        """Drop the command under way; the head finishes its motion."""
         self._pending = None
 
     def _catch_up(self, now_s: float) -> None:
         if self._is_second:
             return
         self._tracker.advance(now_s)
-        self._tell_events()
+        self._send_events()
         if self._straggler is not None and now_s >= self._straggler[1]:
             self._send(self._straggler[0])
             self._straggler = None
@@ -123,11 +143,11 @@ class EmsconSession(ServedSession):
         if status != ResultStatus.ALL_OK:
             self._send(emscon.refusal(request.command, status))
         elif isinstance(request, emscon.EmsconRequest):
-            body = heard(request.body, self._instrument.units)
+            body = from_wire(request.body, self._instrument.units)
             self._act(replace(request, body=body), now_s)
 
     def _obstacle(self, request: emscon.FromClient, now_s: float) -> ResultStatus:
-        """Return the status that says why a command cannot even be looked at."""
+        """Return the status that refuses a command before its content is looked at."""
         if self._is_second:
             return ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED
         if isinstance(request, emscon.UnknownRequest):
@@ -162,13 +182,15 @@ class EmsconSession(ServedSession):
             self._send(emscon.refusal(command, outcome.status))
             return
         for body in outcome.bodies:
-            said_body = told(body, self._instrument.units)
-            self._send(emscon.encode(emscon.Answer(command, body=said_body)))
+            # an answer to SetUnits is already in the new units, since the setting is kept by now
+            body_on_wire = to_wire(body, self._instrument.units)
+            self._send(emscon.encode(emscon.Answer(command, body=body_on_wire)))
+        # whether a change comes before or after its answer is not public: after is our choice
         if outcome.change is not None:
-            self._tell(outcome.change)
+            self._send_change(outcome.change)
 
     def _begin_measurement(self, now_s: float) -> ResultStatus:
-        """Begin one, or say why not."""
+        """Begin a measurement, or return the status that refuses it."""
         if (status := self._unready(now_s)) != ResultStatus.ALL_OK:
             return status
         end_s = self._tracker.begin_measurement(self._instrument.measuring_time_s, now_s)
@@ -189,6 +211,7 @@ class EmsconSession(ServedSession):
         if obstacle != ResultStatus.ALL_OK:
             self._answer(command, EmsconOutcome(obstacle))
             return
+        # answered by `_finish`, when the head has arrived
         move_s = self._tracker.initialise(now_s) if initialises else self._motion_s(request, now_s)
         if move_s is None:
             self._answer(command, EmsconOutcome(WRONG_PARAMETERS[0]))
@@ -196,7 +219,8 @@ class EmsconSession(ServedSession):
             self._pending = command, now_s + move_s
 
     def _motion_s(self, request: emscon.EmsconRequest, now_s: float) -> float | None:
-        """Start a motion and return how long it takes; None: there is no such place."""
+        """Start a motion and return its duration, s; None if a tracker sees no such place."""
+        # a place beyond a tracker's distance is a wrong parameter, not a search that finds nothing
         body = request.body
         if isinstance(body, said.BeamTarget) and _is_in_sight(*body.point):
             return self._tracker.go_to(body.point, now_s)
@@ -216,27 +240,29 @@ class EmsconSession(ServedSession):
     def _deliver(self, now_s: float) -> None:
         shot = self._tracker.finish_measurement(now_s)
         if shot is None:
-            self._tell_failure()
+            self._send_failure()
             return
+        # as if another program had set the units just before: the client that watches for changes
+        # gets the event and then a result in metres
         if self._is_wrong("other_units"):
             self._instrument.obey(emscon.EmsconRequest(Command.SET_UNITS, POWER_ON_UNITS), now_s)
-            self._tell(SystemChange.UNITS)
-        result = told(self._instrument.result_of(shot), self._instrument.units)
-        self._tell_result(emscon.encode(result), now_s)
+            self._send_change(SystemChange.UNITS)
+        result = to_wire(self._instrument.result_of(shot), self._instrument.units)
+        self._send_result(emscon.encode(result), now_s)
 
-    def _tell_result(self, result: bytes, now_s: float) -> None:
-        """Send a result, unless a fault has it come later or not at all."""
+    def _send_result(self, result: bytes, now_s: float) -> None:
+        """Send a result, or what a fault makes of it."""
         if self._is_wrong("straggling"):
             late_s = 0.0 if self._fault is None else self._fault.seconds or 0.0
             self._straggler = result, now_s + late_s
-            self._tell_failure()
+            self._send_failure()
             return
         if self._is_wrong("repeated") and self._latest_result is not None:
             result = self._latest_result
         self._latest_result = result
         self._send(result)
 
-    def _tell_failure(self) -> None:
+    def _send_failure(self) -> None:
         self._send(emscon.encode(said.ErrorResponse(Command.START_MEASUREMENT, BEAM_LOST_STATUS)))
 
     def _is_wrong(self, kind: str) -> bool:
@@ -253,6 +279,7 @@ class EmsconSession(ServedSession):
         return ResultStatus.ALL_OK if is_warm else ResultStatus.SENSOR_NOT_WARMED_UP
 
     def _is_busy(self, now_s: float) -> bool:
+        # the head may still move for a client that has left, whose command is no longer pending
         return self._pending is not None or self._tracker.busy(now_s)
 
     def _light(self, now_s: float) -> TrackerLight:
@@ -261,41 +288,44 @@ class EmsconSession(ServedSession):
         ready = self._unready(now_s) == ResultStatus.ALL_OK and self._tracker.beam_locked(now_s)
         return TrackerLight.READY if ready else TrackerLight.NOT_READY
 
-    def _tell_events(self) -> None:
+    def _send_events(self) -> None:
         for event in self._tracker.events():
             if event in EVENT_CHANGES:
-                self._tell(EVENT_CHANGES[event])
+                self._send_change(EVENT_CHANGES[event])
             elif event == "beam_lost":
-                self._tell_beam_lost()
+                self._report_lost_beam()
 
-    def _tell_beam_lost(self) -> None:
-        """Turn the light red and name the command that fails by it, if any."""
-        self._show(TrackerLight.NOT_READY)
+    def _report_lost_beam(self) -> None:
+        """Report the red light, and the command that fails without the beam, if any."""
+        self._report_light(TrackerLight.NOT_READY)
+        # An error that ends a measurement is sent even to a client without unasked messages, which
+        # would else wait for a result until its deadline.
         failed: int = UNKNOWN_COMMAND
         if self._is_measuring:
             failed, self._pending = Command.START_MEASUREMENT, None
         if failed != UNKNOWN_COMMAND or self._instrument.settings.send_unsolicited_messages:
             self._send(emscon.encode(said.ErrorResponse(failed, BEAM_LOST_STATUS)))
 
-    def _show(self, light: TrackerLight) -> None:
-        """Report the light when it changes; the first one is what the client finds."""
+    def _report_light(self, light: TrackerLight) -> None:
+        """Report the light if it has changed since the last call; the first one is not reported."""
         if self._shown not in {None, light}:
-            self._tell(LIGHT_CHANGES[light])
+            self._send_change(LIGHT_CHANGES[light])
         self._shown = light
 
-    def _tell_position(self, now_s: float) -> None:
+    def _send_position(self, now_s: float) -> None:
         if not self._instrument.settings.send_reflector_position or now_s < self._next_position_s:
             return
+        # the next one is due by the time of this one, so that late ones do not pile up
         self._next_position_s = now_s + POSITION_INTERVAL_S
         if (point_mm := self._tracker.live_point(now_s)) is not None:
             live = said.ReflectorPosition(ResultStatus.ALL_OK, point_mm)
-            self._send(emscon.encode(told(live, self._instrument.units)))
+            self._send(emscon.encode(to_wire(live, self._instrument.units)))
 
-    def _tell(self, change: SystemChange) -> None:
+    def _send_change(self, change: SystemChange) -> None:
         if self._instrument.settings.send_unsolicited_messages:
             self._send(emscon.encode(said.StatusChange(change)))
 
 
 def _is_in_sight(*coordinates_mm: float) -> bool:
-    """Whether a place is as near as a tracker can see; nothing without numbers is."""
+    """Whether a place is within a tracker's distance; NaN and infinity are not."""
     return DISTANCE.hold(hypot(*coordinates_mm))

@@ -1,4 +1,10 @@
-"""The simulated tracker's side of pointline: one connection, no socket."""
+"""The simulated tracker's side of pointline (docs/reference/pointline.md): one connection.
+
+Questions are worked on one after another, in the order of their coming: pointline's answer comes
+when the work is done, so that a real server may simply block. This one has no thread to block. A
+question that takes time leaves its `Work`, the end and the step that yields the outcome; until
+then further questions wait.
+"""
 
 from collections import deque
 from collections.abc import Callable
@@ -14,14 +20,14 @@ from sim.tracker.instrument import SimulatedTracker
 MODEL = "SIM-PL"
 UNSEEN = Refused("BEAM", "no reflector was found")
 MOST_WAITING = 100
-"""Questions that are kept while one is worked on; what comes above is lost, as in a full buffer."""
+"""Questions that are kept while one is worked on; more are lost, as in a full buffer."""
 
 Work = tuple[float, Callable[[float], object]]
-"""Time when a question's work ends, and what then says its outcome."""
+"""End of a question's work, and the step that then yields its outcome."""
 
 
 class PointlineSession(ServedSession):
-    """Answers one client, one question after another; what was prepared is the tracker's."""
+    """Answers one client, one question after another; settings belong to the tracker."""
 
     def __init__(self, tracker: SimulatedTracker, send: Callable[[bytes], None]) -> None:
         self._tracker = tracker
@@ -33,7 +39,8 @@ class PointlineSession(ServedSession):
 
     @override
     def received(self, data: bytes, now_s: float) -> None:
-        """Obey every line that these bytes complete; what takes time is answered by `advance`."""
+        """Obey every line that these bytes complete; `advance` answers what takes time."""
+        # a line that is no question is answered out of turn, as it has no place in the order
         for line in filter(None, self._lines.feed(data)):
             try:
                 question = wire.GRAMMAR.decode_question(line)
@@ -47,13 +54,13 @@ class PointlineSession(ServedSession):
 
     @override
     def advance(self, now_s: float) -> None:
-        """Answer what is due, and go on with what waits behind it."""
+        """Answer what is due, and go on with the questions behind it."""
         self._tracker.advance(now_s)
         while self._under_way is not None or self._waiting:
             if self._under_way is None:
                 question = self._waiting.popleft()
                 outcome = self._obey(question, now_s)
-                if isinstance(outcome, tuple):
+                if isinstance(outcome, tuple):  # `Work`: the outcome comes later
                     self._under_way = question, outcome
                     continue
             else:
@@ -65,14 +72,14 @@ class PointlineSession(ServedSession):
 
     @override
     def next_due_s(self) -> float | None:
-        """Return the time of the next thing that happens by itself."""
+        """Return the time of the next event of its own; None if all depends on the client."""
         due_s = None if self._under_way is None else self._under_way[1][0]
         times = (self._tracker.next_event_s(), due_s)
         return min((time_s for time_s in times if time_s is not None), default=None)
 
     @override
     def closed(self, now_s: float) -> None:
-        """Forget what was worked on; the beam stays where it is."""
+        """Drop all questions; the beam stays where it is."""
         self._under_way = None
         self._waiting.clear()
 
@@ -93,6 +100,7 @@ class PointlineSession(ServedSession):
                 return self._seen_after(tracker.go_to(point_mm, now_s), now_s)
             case wire.Find(distance_mm):
                 return self._seen_after(tracker.find(distance_mm, now_s), now_s)
+        # verbs without arguments have one body in common
         match request.verb:
             case "MEASURE":
                 return self._measure(now_s)
@@ -111,24 +119,27 @@ class PointlineSession(ServedSession):
     @property
     def _reflector(self) -> str:
         tracker = self._tracker
-        return next(each.name for each in tracker.reflectors if each.id == tracker.selected)
+        return next(r.name for r in tracker.reflectors if r.id == tracker.selected)
 
     def _definition(self, index: int) -> wire.ReflectorDefinition | Refused:
-        known = self._tracker.reflectors
-        if index >= len(known):
-            return Refused("ARGUMENT", f"reflector {index}, there are 0 to {len(known) - 1}")
-        each = known[index]
-        return wire.ReflectorDefinition(len(known), each.name, each.surface_offset_mm)
+        reflectors = self._tracker.reflectors
+        if index >= len(reflectors):
+            return Refused("ARGUMENT", f"reflector {index}, there are 0 to {len(reflectors) - 1}")
+        reflector = reflectors[index]
+        return wire.ReflectorDefinition(
+            len(reflectors), reflector.name, reflector.surface_offset_mm
+        )
 
     def _prepare(self, name: str, seconds: float, now_s: float) -> object | Work:
         tracker = self._tracker
-        found = next((each for each in tracker.reflectors if each.name == name), None)
-        if found is None:
+        reflector = next((r for r in tracker.reflectors if r.name == name), None)
+        if reflector is None:
             return Refused("REFLECTOR", f"there is no reflector {name}")
         if not tracker.laser_warm(now_s):
             return Refused("COLD", "the laser is heating up")
-        tracker.select_reflector(found.id)
+        tracker.select_reflector(reflector.id)
         self._measuring_time_s = seconds
+        # PREPARE initialises only if necessary, since that turns the head and loses the beam
         takes_s = 0.0 if tracker.initialised(now_s) else tracker.initialise(now_s)
         return now_s + takes_s, lambda _: Nothing()
 
@@ -143,6 +154,8 @@ class PointlineSession(ServedSession):
         if shot is None or shot.covariance_mm2 is None:
             return Refused("BEAM", "the beam was lost while it was measured")
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = shot.covariance_mm2
+        # the number of a measurement differs for each, also over restarts of the cell: a client
+        # refuses a repeated one
         count = len(self._tracker.taken)
         terms = xx, xy, xz, yy, yz, zz
         return wire.PointMeasured(count, self._reflector, shot.point_in_tracker_mm, terms)

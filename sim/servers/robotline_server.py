@@ -1,4 +1,9 @@
-"""The simulated controller's side of robotline: one connection, no socket."""
+"""The simulated controller's side of robotline (docs/reference/robotline.md): one connection.
+
+Every question is answered at once. A move's answer states its expected duration, and the client
+asks for the state until the robot stands. Parameters come in parts that are staged; COMMIT replaces
+the active set by all of them or by none, so that a lost connection cannot leave half a set.
+"""
 
 from collections.abc import Callable
 from math import radians
@@ -19,12 +24,12 @@ def layout_of(kind: Kind, extensions: tuple[str, ...] = ()) -> wire.RobotLayout:
     task = [Coordinate(name, is_angle=False) for name in "xyz"]
     if kind.turn is not None:
         task.append(Coordinate("theta", is_angle=True))
-    known = [(name, arm, field.stem) for name, (arm, field) in kind.parameters.items()]
-    return wire.RobotLayout.of(joints, task, known, extensions)
+    parameters = [(name, arm, field.stem) for name, (arm, field) in kind.parameters.items()]
+    return wire.RobotLayout.of(joints, task, parameters, extensions)
 
 
 class RobotlineSession(ServedSession):
-    """Answers one client. What is staged, and the motion that it started, end with it."""
+    """Answers one client. Its staged parameters and its motion end with the connection."""
 
     def __init__(self, controller: SimulatedController, send: Callable[[bytes], None]) -> None:
         self._controller = controller
@@ -45,6 +50,7 @@ class RobotlineSession(ServedSession):
     @override
     def closed(self, now_s: float) -> None:
         """Stop the motion whose client is lost."""
+        # only its own: a client that merely reads the state must not stop another one's robot
         self._staged.clear()
         if self._has_moved and self._controller.state(now_s).moving:
             self._controller.stop(now_s)
@@ -66,6 +72,7 @@ class RobotlineSession(ServedSession):
             case wire.MoveJoints() | wire.MovePose() as command:
                 return self._move(command, now_s)
             case wire.ReadPart(name):
+                # an extension that was never loaded is that of a perfect part, 0
                 held = dict.fromkeys(self._layout.extensions, 0.0) | self._controller.geometry()
                 values = tuple(held[parameter] for parameter in self._layout.names_of(name))
                 return wire.Part(name, values)
@@ -79,6 +86,7 @@ class RobotlineSession(ServedSession):
             return Nothing()
         if question.verb == "COMMIT":
             self._controller.replace_geometry(self._staged, now_s)
+        # after a commit; ABANDON, the only verb left, just drops what is staged
         self._staged.clear()
         return Nothing()
 

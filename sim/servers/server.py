@@ -1,4 +1,13 @@
-"""Server of simulated devices on loopback sockets and pseudo-terminals; one thread and selector."""
+"""Server of simulated devices on loopback sockets and pseudo-terminals; one thread and selector.
+
+All devices of a cell share their state (the tracker sees the robot that the controller moves), so
+one thread serves all of them and nothing has to be locked. It waits in `select` for bytes or for
+the first time at which a conversation has something due, then gives every peer a turn.
+
+Clients are not trusted: none may block the thread, so every channel is non-blocking; none may fill
+the memory, so one that asks without reading is paused, and one that is sent much and reads nothing
+is dropped. An error in a session closes all connections, and `stop` raises it.
+"""
 
 import os
 import selectors
@@ -17,19 +26,21 @@ from sim.servers.conversation import Conversation, SessionFactory
 LOOPBACK = "127.0.0.1"
 CLIENTS_LIMIT = 8
 SHORTEST_WAIT_S = 0.0005
-"""Wait by which a session that stays due cannot keep the processor busy."""
+"""Least real wait: a session that stays due could otherwise keep the processor busy."""
 CHUNK_BYTES = 65536
 READS_A_TURN = 4
+"""Chunks that are read from one client before the others have a turn."""
 PAUSE_ABOVE_BYTES = 256 * 1024
-"""A client that asks without reading is not listened to until it has read."""
+"""Unsent bytes above which a client's questions are not read until it has read answers."""
 GIVE_UP_ABOVE_BYTES = 1024 * 1024
+"""Unsent bytes above which a client is dropped."""
 
 
 class SerialEnd:
-    """Device's end of a pseudo-terminal, in the words of a socket.
+    """Device's end of a pseudo-terminal, with a socket's methods."""
 
-    The client's end is held open too, as a serial line does not notice who is there.
-    """
+    # The client's end is held open too: else the device's end would report a hang-up whenever no
+    # client has the line open, and a serial line does not notice who is there.
 
     def __init__(self, device_end: int, client_end: int) -> None:
         os.set_blocking(device_end, False)
@@ -57,13 +68,13 @@ class Peer:
         """Whether the pipe outlives its client, as a serial line does."""
 
     def ready(self) -> None:
-        """Take what has come, the client's leaving too, unless there is too much to say yet."""
+        """Read what has come, also the client's leaving, unless too much is unsent."""
         for _ in range(READS_A_TURN):
             if self.conversation.is_over or self._is_paused() or not self._take():
                 return
 
     def turn(self) -> None:
-        """Let the session say what is due, and write what goes out."""
+        """Let the session send what is due, and write what goes out."""
         self.conversation.turn()
         self._flush()
 
@@ -74,19 +85,19 @@ class Peer:
         return selectors.EVENT_READ | (selectors.EVENT_WRITE if self.conversation.going() else 0)
 
     def hang_up(self) -> None:
-        """Close the connection; what has been said so far still goes out if it can."""
+        """Close the connection; unsent bytes still go out if they can."""
         if not self.conversation.is_over:
             self.conversation.hang_up()
             self._flush()
 
     def _take(self) -> bool:
-        """Take one piece; false when there is no more."""
+        """Read one piece; return whether there may be more."""
         try:
             data = self.channel.recv(CHUNK_BYTES)
         except BlockingIOError:
             return False
         except OSError:
-            data = b""
+            data = b""  # a connection that broke ends as one that was closed
         if data:
             self.conversation.hear(data)
         elif not self._keeps_open:
@@ -97,14 +108,16 @@ class Peer:
         return len(self.conversation.going()) > PAUSE_ABOVE_BYTES
 
     def _flush(self) -> None:
-        """Write what can go out; give up on a client that reads nothing."""
+        """Write what can go out; drop a client that reads nothing."""
         if data := self.conversation.going():
+            # a full pipe is no error: the selector reports when it takes more
             try:
                 self.conversation.gone(self.channel.send(data))
             except BlockingIOError:
                 pass
             except OSError:
                 self._lose()
+        # what a pipe takes now may be less than all; the remainder goes in a later turn
         if self.conversation.size_bytes > GIVE_UP_ABOVE_BYTES:
             self.conversation.discard()
             self._lose()
@@ -112,22 +125,23 @@ class Peer:
             self.conversation.end_as_scripted(stays=self._keeps_open)
 
     def _lose(self) -> None:
-        """Hang up, unless there is a line that stays."""
+        """Hang up, unless the line outlives its client."""
         if not self._keeps_open:
             self.conversation.hang_up()
 
 
 _Watch = tuple[bool, Callable[[], None]]
-"""Whether it admits a new client, and the step to take when something has come."""
+"""Whether the channel admits new clients, and the step to take when something has come."""
 
 
 class CellServer:
-    """Server of all devices of a cell. Name them before `start`; `stop` closes everything."""
+    """Server of all devices of a cell. Add devices before `start`; `stop` closes everything."""
 
     def __init__(self, clock: ScaledClock, faults: FaultScript) -> None:
         self._clock = clock
         self._faults = faults
         self._selector = selectors.DefaultSelector()
+        # a byte through this pipe ends the wait in `select`, for `stop` from another thread
         self._wake_end, self._awake_end = os.pipe()
         self._listeners: list[socket.socket] = []
         self._peers: dict[Peer, DeviceName] = {}
@@ -138,7 +152,7 @@ class CellServer:
         self._selector.register(self._wake_end, selectors.EVENT_READ, (False, self._woken))
 
     def serve_tcp(self, factory: SessionFactory, device_name: DeviceName, port: int = 0) -> str:
-        """Listen on loopback and say where: tcp://127.0.0.1:PORT; raises `SimError`."""
+        """Listen on loopback and return the URL tcp://127.0.0.1:PORT; raises `SimError`."""
         try:
             listener = socket.create_server((LOOPBACK, port), backlog=CLIENTS_LIMIT)
         except OSError as error:
@@ -153,7 +167,7 @@ class CellServer:
         return f"tcp://{LOOPBACK}:{listener.getsockname()[1]}"
 
     def serve_pty(self, factory: SessionFactory, device_name: DeviceName) -> str:
-        """Open a pseudo-terminal and say where its client's end is: serial:///dev/…."""
+        """Open a pseudo-terminal and return the URL of its client's end, serial:///dev/…."""
         device_end, client_end = os.openpty()
         tty.setraw(client_end)
         path = os.ttyname(client_end)
@@ -210,7 +224,7 @@ class CellServer:
             self._watch(peer)
 
     def _patience_s(self) -> float | None:
-        """Return the real seconds until something is due; None when all depends on clients."""
+        """Return the real seconds until something is due; None if all depends on clients."""
         dues_s = [t for p in self._peers if (t := p.conversation.next_due_s()) is not None]
         if not dues_s:
             return None
@@ -223,10 +237,12 @@ class CellServer:
             accepted, _ = listener.accept()
         except OSError:  # the client has gone again
             return
+        # taken and closed at once: a client that stays in the backlog would wait without an answer
         if self._open_count(device_name) >= CLIENTS_LIMIT:
             accepted.close()
             return
         accepted.settimeout(0.0)
+        # each answer goes out at once, instead of waiting for more bytes to fill a packet (Nagle)
         accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._add(accepted, factory, device_name)
 
@@ -240,13 +256,13 @@ class CellServer:
         self._selector.register(channel, selectors.EVENT_READ, (False, peer.ready))
 
     def _open_count(self, device_name: DeviceName) -> int:
-        """Return the number of clients that a device has and that have not just left."""
+        """Return the number of a device's clients that have not just left."""
         return sum(
             n == device_name and not peer.conversation.is_over for peer, n in self._peers.items()
         )
 
     def _watch(self, peer: Peer) -> None:
-        """Forget a peer that is over; else watch what it is interested in."""
+        """Drop a peer that is over; else watch the events of its interest."""
         if peer.conversation.is_over:
             self._forget(peer)
         else:

@@ -1,4 +1,17 @@
-"""The tracker's beam: what it is locked on, when it is cut, and how it finds a reflector again."""
+"""The tracker's beam: what it is locked on, when it is cut, and how it finds a reflector again.
+
+The beam is locked on one reflector or on none, and points somewhere in either case. Reflectors are
+the robot's, one that stands about (a wrong target to slip onto), and those in nests. A lock ends
+
+- when a scripted fault cuts the beam, for some seconds in which nothing can be found either;
+- when the robot stands and its reflector is turned away from the tracker by more than the
+  acceptance angle. While the robot moves, the beam is taken to follow: losing it on the way is not
+  simulated.
+
+After a loss the beam points where the reflector was, until a search finds one: of those that can be
+seen, the nearest to the middle of the search, within its radius. A search without a distance (an
+`Aim` with `any_distance`) compares distances from the line of sight instead of from a point.
+"""
 
 import math
 from collections.abc import Callable, Mapping
@@ -35,7 +48,7 @@ class Scene:
 
 
 class Target(StrEnum):
-    """A reflector that the beam can be on, beside those in nests, which have names of their own."""
+    """Reflector on which the beam can be; those in nests have names of their own."""
 
     ROBOT = "robot"
     STANDING = "standing"
@@ -55,7 +68,7 @@ class Aim:
         if not self.any_distance:
             return float(np.linalg.norm(candidate_in_tracker_mm - point_mm))
         if candidate_in_tracker_mm @ point_mm <= 0.0:
-            return math.inf
+            return math.inf  # behind the tracker
         length_mm = float(np.linalg.norm(point_mm))
         return float(np.linalg.norm(np.cross(candidate_in_tracker_mm, point_mm))) / length_mm
 
@@ -72,7 +85,7 @@ class Beam:
         acceptance_rad: float,
         locked_on: str | None,
     ) -> None:
-        self._scene = scene
+        self.scene = scene
         self._station = station
         self._standing_in_base_mm = standing_in_base_mm
         self._acceptance_rad = acceptance_rad
@@ -80,30 +93,33 @@ class Beam:
         self._cut_until_s = math.inf
         self._cut_is_new = False
         self._last_sight: tuple[SeenReflector, TrackerPose, bool] | None = None
-        """A reflector, the tracker as it stood, and whether it was seen from there."""
+        """Reflector and station that were last compared, and whether one saw the other."""
         self.locked_on = locked_on
         self._pointing_mm = self._place_mm(locked_on or Target.ROBOT, 0.0)
 
     def cut(self, from_s: float, lasts_s: float) -> None:
-        """Cut the beam, as somebody who steps into it."""
+        """Cut the beam for a time, as a person who steps into it does."""
         self._cut_from_s, self._cut_until_s = from_s, from_s + lasts_s
         self._cut_is_new = True
 
     def next_cut_s(self) -> float | None:
-        """Return the time of the beam's next cut, if that is still to come."""
+        """Return the time of a cut that `is_lost` has not reported yet; None if there is none."""
         return self._cut_from_s if self._cut_is_new else None
 
     def confuse(self) -> None:
-        """Slip onto the reflector that stands elsewhere, if there is one."""
+        """Slip onto the reflector that stands about, if there is one."""
+        # without one the measurement goes on undisturbed; the schema of a scenario demands one
         if Target.STANDING in self._standing_in_base_mm:
             self.locked_on = Target.STANDING
 
     def release(self) -> None:
-        """Let go, pointing where the target was last."""
+        """Let go of the target, and point where it was last."""
         self.locked_on = None
 
     def is_lost(self, now_s: float) -> bool:
-        """Whether the beam has just lost its target; it then points where that was."""
+        """Whether the beam has just lost its target; it then points where the target was."""
+        # a cut is reported once, even if it is over by now: a beam that is free again has lost its
+        # target nevertheless
         was_cut = self._cut_is_new and now_s >= self._cut_from_s
         self._cut_is_new = self._cut_is_new and not was_cut
         if self.locked_on is None:
@@ -115,13 +131,13 @@ class Beam:
         return True
 
     def point_in_tracker_mm(self, now_s: float) -> Array:
-        """Return (3,): the centre of the reflector it is on, or where it points."""
+        """Return the centre (3,) of the reflector it is on, or the place at which it points."""
         if self.locked_on is not None:
             self._pointing_mm = self._place_mm(self.locked_on, now_s)
         return self._pointing_mm
 
     def candidate(self, aim: Aim, now_s: float) -> str | None:
-        """Return the reflector that a search finds: the nearest that can be seen."""
+        """Return the visible reflector nearest to the aim, if one is within its radius."""
         if self._is_cut(now_s):
             return None
         misses = {
@@ -129,34 +145,34 @@ class Beam:
             for target in (Target.ROBOT, *self._standing_in_base_mm)
             if self._is_visible(target, now_s)
         }
-        found = [target for target in misses if misses[target] <= aim.radius_mm]
-        return min(found, key=misses.__getitem__, default=None)
+        within = [target for target in misses if misses[target] <= aim.radius_mm]
+        return min(within, key=misses.__getitem__, default=None)
 
     def search(self, aim: Aim, now_s: float) -> bool:
-        """Lock on what is found; else point there, on nothing."""
+        """Lock on the reflector that the aim finds, or point there without a lock; return which."""
         self.locked_on = self.candidate(aim, now_s)
+        # a client may ask for a place that is no number: the beam then stays where it points
         if np.isfinite(aim.point_in_tracker_mm).all():
             self._pointing_mm = np.array(aim.point_in_tracker_mm)
         return self.locked_on is not None
 
     def _place_mm(self, target: str, now_s: float) -> Array:
-        """Return (3,): a reflector's centre in the tracker's frame."""
+        """Return a reflector's centre (3,) in the tracker's frame."""
         standing_mm = self._standing_in_base_mm.get(target)
         if standing_mm is not None:
             return self._station().to_tracker_mm(standing_mm)
-        return self._station().to_tracker_mm(self._scene.robot_reflector(now_s).point_mm)
+        return self._station().to_tracker_mm(self.scene.robot_reflector(now_s).point_mm)
 
     def _is_cut(self, now_s: float) -> bool:
         return self._cut_from_s <= now_s < self._cut_until_s
 
     def _is_visible(self, target: str, now_s: float) -> bool:
-        """Return whether a target faces the tracker, as all but the robot's reflector do.
-
-        While the robot moves, the beam is taken to follow.
-        """
-        if target != Target.ROBOT or not self._scene.robot_is_still(now_s):
+        """Return whether a target faces the tracker, as all but the robot's reflector always do."""
+        if target != Target.ROBOT or not self.scene.robot_is_still(now_s):
             return True
-        seen, station = self._scene.robot_reflector(now_s), self._station()
+        # Neither object is replaced as long as nothing has moved, so identity is enough. The angle
+        # is asked for at every step of the cell's time.
+        seen, station = self.scene.robot_reflector(now_s), self._station()
         if self._last_sight is not None:
             reflector, pose, visible = self._last_sight
             if reflector is seen and pose is station:

@@ -1,4 +1,16 @@
-"""Optics of a tracker: its place in the base frame, and a point's uncertainty in its own."""
+"""Optics of a tracker: its place in the base frame, and a point's uncertainty in its own.
+
+A tracker measures a distance along its beam and two angles. A distance error lies along the beam,
+an angle error across it and grows with the distance: the covariance of a point is an ellipsoid with
+axes along the beam, across it horizontally and across it upward, and turns with the beam. Its sizes
+come from a data sheet's maximum permissible errors (MPE, ISO 10360-10), which have the form
+
+    MPE = constant + part per metre · distance        for each of the three directions.
+
+A data sheet gives no distribution within the limits. As the GUM advises in this case (4.3.7) the
+error is taken as uniform between them: the standard uncertainty is MPE/√3. Draws are normal with
+this standard uncertainty.
+"""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +25,7 @@ from sim.section import NotNegative, Positive, Section
 MM_PER_M = 1000.0
 UM_PER_MM = 1000.0
 MPE_PER_SIGMA = math.sqrt(3.0)
-"""A data sheet's limit is read as the half-width of a uniform distribution."""
+"""Half-width of a uniform distribution over its standard deviation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +37,8 @@ class TrackerPose:
     """(3, 3) rotation."""
 
     def to_tracker_mm(self, point_in_base_mm: Array) -> Array:
-        """Return (3,): the same point in the tracker's frame."""
+        """Convert a point (3,) from the base frame to the tracker's, mm."""
+        # the inverse of a rotation is its transpose
         return self.base_from_tracker.T @ (point_in_base_mm - self.origin_in_base_mm)
 
 
@@ -36,13 +49,13 @@ class Limit(Section):
     per_metre_um: NotNegative
 
     def sigma_mm(self, distance_mm: float) -> float:
-        """Return the standard uncertainty at that distance."""
+        """Return the standard uncertainty at a distance, mm."""
         limit_um = self.constant_um + self.per_metre_um * distance_mm / MM_PER_M
         return limit_um / UM_PER_MM / MPE_PER_SIGMA
 
 
 class Noise(Section):
-    """Scatter of shots: the same on every coordinate, or of a spherical instrument.
+    """Scatter of shots: equal on all coordinates, or that of a spherical instrument.
 
     Its limits are along the beam, across it horizontally (azimuth) and upward (elevation).
     """
@@ -67,6 +80,7 @@ class Noise(Section):
         """Return a square root S (3, 3) of a shot's covariance S Sᵀ in the tracker's frame, mm."""
         if self.along is None or self.azimuth is None or self.elevation is None:
             return (self.coordinate_mm or 0.0) * np.eye(3)
+        # S: unit axes of the beam as columns, each times its standard uncertainty
         distance_mm = float(np.linalg.norm(point_in_tracker_mm))
         limits = (self.along, self.azimuth, self.elevation)
         sigmas_mm = np.array([limit.sigma_mm(distance_mm) for limit in limits])
@@ -74,14 +88,15 @@ class Noise(Section):
 
     @property
     def data_sheet(self) -> dict[str, float]:
-        """Limits (MPE) by a data sheet of such a tracker: a constant and a part per metre.
+        """Limits (MPE) by a data sheet of such a tracker: constants and parts per metre, µm.
 
-        Across the beam the larger of azimuth's and elevation's.
+        Across the beam they are the larger ones of azimuth and elevation.
         """
+        # a data sheet has no limits of coordinates: equal limits in all directions are as wide
         if self.along is None or self.azimuth is None or self.elevation is None:
             limit_um = (self.coordinate_mm or 0.0) * UM_PER_MM * MPE_PER_SIGMA
-            own = Limit(constant_um=limit_um, per_metre_um=0.0)
-            return Noise(along=own, azimuth=own, elevation=own).data_sheet
+            limit = Limit(constant_um=limit_um, per_metre_um=0.0)
+            return Noise(along=limit, azimuth=limit, elevation=limit).data_sheet
         across = (self.azimuth, self.elevation)
         return {
             "along_um": self.along.constant_um,
@@ -92,7 +107,8 @@ class Noise(Section):
 
 
 def _beam_axes(point_in_tracker_mm: Array) -> Array:
-    """Return (3, 3), columns: along the beam, across it horizontally, across it upward."""
+    """Return unit axes (3, 3) as columns: along the beam, across it horizontally, and upward."""
+    # straight up or down no direction across the beam is special, and y is taken
     along = point_in_tracker_mm / np.linalg.norm(point_in_tracker_mm)
     level = np.cross(UP, along)
     horizontal = float(np.linalg.norm(level))
@@ -101,7 +117,8 @@ def _beam_axes(point_in_tracker_mm: Array) -> Array:
 
 
 def angle_between_rad(first: Array, second: Array) -> float:
-    """Return the angle between two directions, exact for small ones too."""
+    """Return the angle between two directions, rad."""
+    # by the cross product too: the arc cosine loses half of the digits of a small angle
     (ux, uy, uz), (vx, vy, vz) = first.tolist(), second.tolist()
     across = math.hypot(uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx)
     return math.atan2(across, ux * vx + uy * vy + uz * vz)

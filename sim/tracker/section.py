@@ -1,4 +1,8 @@
-"""The tracker's part of a scenario."""
+"""The tracker's part of a scenario: its station, its noise, the air, and its reflectors.
+
+The stand may creep and the air may grow warmer with worked time (sim/random_streams.py); both are
+then known only to the cell, and a campaign has to notice.
+"""
 
 from typing import Annotated, Self
 
@@ -27,7 +31,8 @@ class StationSection(Section):
     """Turn of the stand, with worked time."""
 
     def pose(self, worked_s: float = 0.0) -> TrackerPose:
-        """Return the pose as a point and a rotation, after so much work."""
+        """Return the pose after a time of work."""
+        # roll, pitch and yaw turn about fixed axes in this order, as `rotation` has them
         hours = worked_s / S_PER_H
         yaw_deg = self.yaw_deg + hours * self.yaw_deg_per_h
         turns_rad = np.radians([self.roll_deg, self.pitch_deg, yaw_deg])

@@ -5,11 +5,11 @@ import math
 import numpy as np
 
 from sim.faults import FaultScript
-from sim.random_streams import Attempts, WorkedTime
+from sim.random_streams import Attempts, Purpose, WorkedTime
 from sim.robot.driven_robot import SeenReflector
 from sim.robot.rods import rotation
 from sim.tracker.beam import Beam, Target
-from sim.tracker.instrument import SimulatedTracker
+from sim.tracker.instrument import SimulatedTracker, TrackerState
 from sim.tracker.optics import Noise, TrackerPose
 from sim.tracker.section import Air, SimulatedReflector, TrackerSection
 
@@ -60,7 +60,6 @@ def tracker(
             air=Air(pressure_hPa=1013.0, drift_degC_per_h=0.5),
             **delivered,
         ),
-        stage,
         Beam(
             stage,
             lambda: STATION,
@@ -68,13 +67,10 @@ def tracker(
             acceptance_rad=math.radians(30.0),
             locked_on=Target.ROBOT if locked else None,
         ),
-        initialised=initialised,
-        warm=False,
-        selected=selected,
-        seed=seed,
+        TrackerState(is_initialised=initialised, is_warm=False, selected_reflector=selected),
         faults=FaultScript(faults, {}),
         worked=worked or WorkedTime(0.0),
-        attempts=Attempts({}),
+        attempts=Attempts(seed, Purpose.SHOT, {}),
     )
 
 

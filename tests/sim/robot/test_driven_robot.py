@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sim.geometry import geometry_of
-from sim.random_streams import Attempts, WorkedTime, target_key
+from sim.random_streams import Attempts, Purpose, WorkedTime, target_key
 from sim.robot.assembly import assemble, follow
 from sim.robot.driven_robot import Behaviour, DrivenRobot, SeenReflector, Standing
 from sim.robot.rods import Build, RodMechanism
@@ -35,7 +35,12 @@ def driven(behaviour, *, seed=1, worked=None):
     mount = SeenReflector(np.array([0.0, 0.0, -50.0]), np.array([1.0, 0.0, 0.0]))
     worked = worked or WorkedTime(0.0)
     return DrivenRobot(
-        rods, behaviour, mount, standing, seed=seed, worked=worked, arrivals=Attempts({})
+        rods,
+        behaviour,
+        mount,
+        standing,
+        worked=worked,
+        arrivals=Attempts(seed, Purpose.ARRIVAL, {}),
     )
 
 

@@ -10,7 +10,7 @@ from sim.faults import Counted, Fault, FaultScript
 from sim.geometry import geometry_of
 from sim.random_streams import WorkedTime
 from sim.robot.assembly import joints_for
-from sim.robot.controller import Refusal, SimulatedController
+from sim.robot.controller import ControllerKinematics, Refusal, SimulatedController
 from sim.robot.section import ControllerSection, nominal_robot
 
 HOME = np.radians([30.0, 30.0, 20.0, 20.0])
@@ -180,7 +180,7 @@ def test_ripples_come_as_often_as_the_loaded_set_says():
             geometry=nominal_robot("par4-prototype")[1] | {"arm1.ripple_sin_deg": 0.1} | told,
             faults=FaultScript((), {}),
             worked=WorkedTime(0.0),
-            ripple_rate=30.0,
+            kinematics=ControllerKinematics(ripple_rate=30.0),
         )
         assert "ripples_per_turn" in robot.extensions
         return robot.state(robot.move_pose(20.0, 30.0, -550.0, 0.0, 1.0, 0.0)).joints
