@@ -16,8 +16,6 @@ SCORES = np.linspace(-4.0, 4.0, 65)
 
 def draw_study(path: Path, summary: StudySummary, scores: Array) -> None:
     """Draw a study with its errors over their stated σ, (C, F), into a file."""
-    # From above: all errors against the normal distribution, then for each parameter the ratio of
-    # found to stated σ, and the share of intervals that hold the truth. Grey is what chance may do.
     figure = new_figure(190.0)
     panels = figure.subplots(3, 1)
     _draw_scores(panels[0], scores)

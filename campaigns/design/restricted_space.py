@@ -35,7 +35,6 @@ class Rectangle:
 
     def distance_mm(self, points: Array) -> Array:
         """Return the distance (N,) of points (N, 2 or 3) from the edge, negative inside; convex."""
-        # outside by Pythagoras from the nearest side or corner, inside by the nearest side
         beyond = np.stack(
             [_beyond(points[:, 0], self.x_mm), _beyond(points[:, 1], self.y_mm)], axis=-1
         )

@@ -20,8 +20,7 @@ WORTHWHILE_PAIR_MM = 250.0
 SHORTNESS_RAD_PER_MM = 0.1
 """Cost of each mm by which a pair is too short, as travel between its ends."""
 EVEN_SHARE = (0.37, 0.63)
-"""Share of approaches from smaller angles that separates backlash from the joints' offsets; drift
-shots, which enter the tour later, turn another 0.02."""
+"""Share of approaches from smaller angles that separates backlash from the joints' offsets."""
 LEAST_GAIN_RAD = 1e-9
 """A shorter way counts only above the rounding of the longer one."""
 
@@ -36,13 +35,13 @@ def neighbouring_pairs(joints: Array, points_mm: Array, start: Array) -> Index:
     cost = travel_rad(joints[:, None], joints)
     apart = np.linalg.norm(points_mm[:, None] - points_mm, axis=2)
     cost = cost + SHORTNESS_RAD_PER_MM * np.maximum(0.0, WORTHWHILE_PAIR_MM - apart)
-    while any(_end_exchanged(pairs, cost, row) for row in range(len(pairs))):
+    while any(_exchange_end(pairs, cost, row) for row in range(len(pairs))):
         pass
     return pairs
 
 
-def _end_exchanged(pairs: Index, cost: Array, row: int) -> bool:
-    """Exchange, in place, the row's second end for the end of another pair that saves most."""
+def _exchange_end(pairs: Index, cost: Array, row: int) -> bool:
+    """Exchange the row's second end for another pair's, if that saves; return whether it did."""
     # (first, second), (a, b) → (first, a), (second, b) or (first, b), (second, a): saved (M, 2)
     first, second = pairs[row]
     now = cost[first, second] + cost[pairs[:, 0], pairs[:, 1]]
@@ -159,19 +158,34 @@ def _two_opt(pairs: Index, joints: Array, start: Array) -> Index:
     return pairs
 
 
-# Before: before → entry of the first … exit of the last → after. Reversed: before → exit of the
-# last … entry of the first → after. Gains are those of all last pairs at once; behind the tour's
-# last pair nothing follows, so that its join does not count.
+# A stretch runs from the pair `first` to a later one, its last. As it is, the tour goes
+#
+#     before → entry of the first … exit of the last → after
+#
+# and with the stretch reversed
+#
+#     before → exit of the last … entry of the first → after
+#
+# so that only these two joins change. Columns are all possible last pairs; behind the tour's last
+# pair nothing follows, and a stretch up to it has no second join.
 def _gains_rad(ends: Array, start: Array, first: int) -> Array:
     """Return by how much reversing the pairs from `first` to each later one shortens the tour.
 
-    `ends` (2, n, M) are the joints of the pairs' ends.
+    `ends` (2, n, M) are the joints at which pairs are entered and left.
     """
     entries, exits = ends
-    before = exits[:, first - 1] if first else start
-    entry, leaving, after = entries[:, first, None], exits[:, first + 1 :], entries[:, first + 2 :]
-    gains = travel_rad(before, entries[:, first]) - _travel_by_joint(before[:, None], leaving)
-    gains[:-1] += _travel_by_joint(leaving[:, :-1], after) - _travel_by_joint(entry, after)
+    before = start if first == 0 else exits[:, first - 1]
+    entry_of_first = entries[:, first]
+    exits_of_last = exits[:, first + 1 :]
+    after = entries[:, first + 2 :]
+
+    join_before = travel_rad(before, entry_of_first)
+    join_behind = _travel_by_joint(exits_of_last[:, :-1], after)
+    reversed_join_before = _travel_by_joint(before[:, None], exits_of_last)
+    reversed_join_behind = _travel_by_joint(entry_of_first[:, None], after)
+
+    gains = join_before - reversed_join_before
+    gains[:-1] += join_behind - reversed_join_behind
     return gains
 
 

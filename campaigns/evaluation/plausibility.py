@@ -15,7 +15,7 @@ A few gross errors among the shots must not decide: every fit is of the four fif
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import permutations, product
@@ -194,51 +194,81 @@ def _check_values(shots: Shots, where: str) -> None:
 def _check_reading(
     nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3 | None, unit: LengthUnit
 ) -> None:
-    # 1. The middle of a crossbar and its halves differ by less than any other causes do: compare
-    #    the places of the reflector first, with all else as it is written.
+    """Raise `ShotsInvalid` where another reading fits far better, or what is written not at all."""
+    # 1. Compare the places of the reflector, with all else as it is written.
     # 2. If what is written fits, only the tracker's place can contradict it.
-    # 3. Try every reading: order and signs of the joints, half of the plate, mirrored points, unit.
-    # 4. Name those that fit best and differ in the fewest things from what is written; where
-    #    symmetry leaves several, the tracker's place decides.
-    joints, points = shots.joints, shots.points_in_tracker_mm
+    # 3. Otherwise try every reading, on some of the shots, and name those that fit far better.
+    # 4. In between the shots pass: a robot that is far off its drawing is what the fit is for.
+    points = shots.points_in_tracker_mm
     if len(points) < FEWEST_SHOTS or _is_line(points):
         return
     halves = tuple(_halves(nominal))
-    as_written = [next(_readings(*half, {(): joints}, points, unit)) for half in halves]
-    unchanged, cost = as_written[0], as_written[0].cost
-    (_, robot), nearest = min(zip(halves, as_written, strict=True), key=lambda pair: pair[1].cost)
-    is_middle = [not model.mechanism.platform.arms_at_point for model in (nominal, robot)]
-    if nearest.cost <= min(BETTER_BY * cost, PLAUSIBLE_MISFIT) and any(is_middle):
-        raise ShotsInvalid(f"{where}: {nearest.words}", remedy=nearest.remedy)
-    if cost <= PLAUSIBLE_MISFIT:
+    as_written = [next(_readings(*half, {(): shots.joints}, points, unit)) for half in halves]
+    unchanged = as_written[0]
+    _check_crossbar(halves, as_written, where)
+    if unchanged.cost <= PLAUSIBLE_MISFIT:
         if place_mm is not None:
             _check_arms(nominal, shots, where, place_mm, unchanged)
         return
     rows = np.unique(np.linspace(0, len(points) - 1, SHOTS_TO_TRY).astype(int))
-    meant = _joint_readings(nominal, joints[rows])
-    tried = [r for half in halves for r in _readings(*half, meant, points[rows], unit)]
-    best = min(reading.cost for reading in tried)
-    if best <= BETTER_BY * cost and best <= IMPOSSIBLE_MISFIT:
-        # Below half a plausible misfit differences are those of the robot, not of the readings.
-        limit = AS_GOOD_WITHIN * max(best, 0.5 * PLAUSIBLE_MISFIT)
-        alike = [reading for reading in tried if reading.causes and reading.cost <= limit]
-        fewest = min(len(reading.causes) for reading in alike)
-        alike = _nearest_to(place_mm, [r for r in alike if len(r.causes) == fewest])
-        words = dict.fromkeys(reading.words for reading in alike)
-        remedies = dict.fromkeys(reading.remedy for reading in alike)
-        ambiguous = "correct tracker.place_mm, which decides; then " if len(remedies) > 1 else ""
-        raise ShotsInvalid(
-            f"{where}: {', or '.join(words)}", remedy=f"{ambiguous}{', or '.join(remedies)}"
-        )
-    # In between the shots pass: a robot that is far off its drawing is what the fit is for.
-    if cost > IMPOSSIBLE_MISFIT:
+    joints_by_causes = _joint_readings(nominal, shots.joints[rows])
+    tried = [
+        reading
+        for half in halves
+        for reading in _readings(*half, joints_by_causes, points[rows], unit)
+    ]
+    best_cost = min(reading.cost for reading in tried)
+    if best_cost <= BETTER_BY * unchanged.cost and best_cost <= IMPOSSIBLE_MISFIT:
+        raise _refusal_by(_best_readings(tried, place_mm), where)
+    if unchanged.cost > IMPOSSIBLE_MISFIT:
         raise ShotsInvalid(
             f"{where}: the points do not follow the joints: after the best fit "
-            f"{100.0 * min(cost, 9.99):.0f} % of their spread is left, limit "
+            f"{100.0 * min(unchanged.cost, 9.99):.0f} % of their spread is left, limit "
             f"{100.0 * IMPOSSIBLE_MISFIT:.0f} %",
             remedy="look at the order of rows, the order and signs of joints, and whether "
             "this is the robot of robot.yaml",
         )
+
+
+# The middle of a crossbar and its halves differ by less than any other causes do: a wrong one may
+# stay below the plausible misfit, so it is looked for first.
+def _check_crossbar(
+    halves: Sequence[tuple[Causes, Kinematics]], as_written: Sequence[Reading], where: str
+) -> None:
+    """Raise `ShotsInvalid` where a half of a crossbar was taken for its middle, or the reverse.
+
+    `as_written` are the readings of the robots in `halves`, the first as its file has it.
+    """
+    (_, nominal), unchanged = halves[0], as_written[0]
+    costs = [reading.cost for reading in as_written]
+    place = costs.index(min(costs))
+    _, robot = halves[place]
+    is_middle = [not model.mechanism.platform.arms_at_point for model in (nominal, robot)]
+    best = as_written[place]
+    if best.cost <= min(BETTER_BY * unchanged.cost, PLAUSIBLE_MISFIT) and any(is_middle):
+        raise _refusal_by([best], where)
+
+
+def _best_readings(tried: Sequence[Reading], place_mm: Vector3 | None) -> list[Reading]:
+    """Return the readings that fit best with the fewest causes, by the tracker's place if it can.
+
+    Below half a plausible misfit differences are those of the robot, not of the readings.
+    """
+    best_cost = min(reading.cost for reading in tried)
+    limit = AS_GOOD_WITHIN * max(best_cost, 0.5 * PLAUSIBLE_MISFIT)
+    alike = [reading for reading in tried if reading.causes and reading.cost <= limit]
+    fewest = min(len(reading.causes) for reading in alike)
+    return _nearest_to(place_mm, [reading for reading in alike if len(reading.causes) == fewest])
+
+
+def _refusal_by(readings: Sequence[Reading], where: str) -> ShotsInvalid:
+    """Return the error that names all causes that these readings suggest, with their remedies."""
+    words = dict.fromkeys(reading.words for reading in readings)
+    remedies = dict.fromkeys(reading.remedy for reading in readings)
+    ambiguous = "correct tracker.place_mm, which decides; then " if len(remedies) > 1 else ""
+    return ShotsInvalid(
+        f"{where}: {', or '.join(words)}", remedy=f"{ambiguous}{', or '.join(remedies)}"
+    )
 
 
 def _nearest_to(place_mm: Vector3 | None, readings: list[Reading]) -> list[Reading]:
@@ -306,9 +336,8 @@ def _check_arms(
     A symmetrical robot fits also with every arm's joint given to the next arm; the tracker then
     seems to stand elsewhere.
     """
-    # 1. If the tracker is about where it should be, nothing is wrong.
-    # 2. Else try every turn of the arms' names about the robot's axis, for every place of the
-    #    reflector. A turn is accused if its points fit and bring the tracker to its place.
+    # Where the tracker is not about where it should be, try every turn of the arms' names about the
+    # robot's axis: one is accused if its points fit and bring the tracker to its place.
     found_mm, arms = unchanged.tracker_mm, len(nominal.mechanism.joints)
     off_mm = math.dist(found_mm, place_mm)
     if not off_mm >= ROUGH_PLACE_MM:  # NaN, of points on a line, shows nothing either
@@ -355,30 +384,41 @@ def _readings(
     """
     # 1. Solve the forward model for all readings of the joints in one stack: that is most of the
     #    time.
-    # 2. Fit a similarity to each, with the points as they are and mirrored.
-    # 3. A scale is explained by the nearest unit, at the price of one more cause; the logarithm of
-    #    what no unit explains adds to the misfit. Factors 2 and ½: lengths doubled or halved.
-    # 4. Shots that the robot cannot take by a reading add up to 0.5 to its cost. A reading with
+    # 2. Shots that the robot cannot take by a reading add up to 0.5 to its cost. A reading with
     #    fewer than five shots left is no candidate.
+    # 3. Read the points as they are and mirrored, each in the written unit and in the likeliest.
     solution = robot.forward(np.concatenate([*meant.values()]))
-    values = np.split(solution.values[:, :3], len(meant))
-    solved = np.split(solution.is_solved, len(meant))
-    factors = [MM_PER_UNIT[unit] / MM_PER_UNIT[right] for right in UNITS] + [2.0, 0.5]
-    for of_joints, poses, is_found in zip(meant, values, solved, strict=True):
-        positions, seen = poses[is_found], points[is_found]
-        causes = (*on_half, *of_joints)
+    positions_by_causes = np.split(solution.values[:, :3], len(meant))
+    is_solved_by_causes = np.split(solution.is_solved, len(meant))
+    for of_joints, positions, is_solved in zip(
+        meant, positions_by_causes, is_solved_by_causes, strict=True
+    ):
+        causes, reached, seen = (*on_half, *of_joints), positions[is_solved], points[is_solved]
         if len(seen) < FEWEST_SHOTS:
-            yield Reading(causes, math.inf, positions, seen)
+            yield Reading(causes, math.inf, reached, seen)
             continue
-        lost = 0.5 * (1.0 - len(seen) / len(points))
-        for frame, hand in (((), (1.0, 1.0, 1.0)), ((MIRRORED,), (1.0, 1.0, -1.0))):
-            measured = seen * np.array(hand)
-            scale, misfit = _similarity_fit(positions, measured)
-            nearest = min(factors, key=lambda factor: abs(math.log(scale / factor)))
-            for factor in dict.fromkeys((1.0, nearest)):
-                in_unit = () if factor == 1.0 else (_unit_cause(factor, unit),)
-                cost = math.hypot(misfit, math.log(scale / factor)) + lost
-                yield Reading((*causes, *frame, *in_unit), cost, positions, measured / factor)
+        cost_of_lost = 0.5 * (1.0 - len(seen) / len(points))
+        mirrored = seen * np.array([1.0, 1.0, -1.0])
+        for of_frame, measured in (((), seen), ((MIRRORED,), mirrored)):
+            for reading in _readings_by_unit(reached, measured, unit):
+                yield replace(
+                    reading,
+                    causes=(*causes, *of_frame, *reading.causes),
+                    cost=reading.cost + cost_of_lost,
+                )
+
+
+# A scale is explained by the nearest unit, at the price of one more cause; the logarithm of what no
+# unit explains adds to the misfit. Factors 2 and ½: lengths doubled or halved.
+def _readings_by_unit(positions: Array, points: Array, unit: LengthUnit) -> Iterator[Reading]:
+    """Yield the reading of points (M, 3) in their unit, and that in the unit nearest to the fit."""
+    factors = [MM_PER_UNIT[unit] / MM_PER_UNIT[right] for right in UNITS] + [2.0, 0.5]
+    scale, misfit = _similarity_fit(positions, points)
+    nearest = min(factors, key=lambda factor: abs(math.log(scale / factor)))
+    for factor in dict.fromkeys((1.0, nearest)):
+        causes = () if factor == 1.0 else (_unit_cause(factor, unit),)
+        cost = math.hypot(misfit, math.log(scale / factor))
+        yield Reading(causes, cost, positions, points / factor)
 
 
 def _unit_cause(factor: float, unit: LengthUnit) -> tuple[str, str]:

@@ -10,12 +10,8 @@ AP and RP of ISO 9283:
 - repeatability: the sphere about the visits to one pose;
 - the cube of ISO 9283: five poses, each visited from one direction.
 
-Out comes a `ValidationResult` with one figure a test and its standard uncertainty. What an
-instrument's error does to a figure depends on its direction, so each takes the variance along its
-own error, from the covariances of its points. Validation uses no model of the robot: it judges the
-controller and the robot as they are, before or after the identified parameters were loaded.
-
-Lengths are in mm. Vectors are in the base frame as fitted to the commanded points (paper eq. 25),
+Each figure has a standard uncertainty: the instrument's, along the figure's own error. No model of
+the robot is used. Vectors are in the base frame as fitted to the commanded points (paper eq. 25),
 or, with too few points, in the tracker's axes.
 """
 
@@ -277,24 +273,25 @@ class ValidationResult:
         uncertainty. The uncertainty of the mean error of N distances is divided by √N: an error of
         the instrument that all distances share is the same in both validations.
         """
-        # By how much of one coordinate's scatter each figure varies from validation to validation:
-        # a distance and a motion are between two points, hence √2; straightness is of one point;
-        # the radius is that of the outermost of many visits.
-        scatter_mm = self.repeatability.scatter_mm if self.repeatability else 0.0
-        shares = {
-            "distances, largest error": np.sqrt(2.0),
-            "rotation": np.sqrt(2.0),
-            "repeatability, radius of the sphere": OUTERMOST_SCATTER,
-            **dict.fromkeys(CUBE_FIGURES, 0.0),  # their own scatter is in them
+        # A distance and a motion are between two points, straightness is of one; AP and RP contain
+        # their own scatter.
+        of_point_mm = self.repeatability.scatter_mm if self.repeatability else 0.0
+        of_two_points_mm = float(np.sqrt(2.0)) * of_point_mm
+        scatter_mm = {
+            "distances, mean error": of_two_points_mm,
+            "distances, largest error": of_two_points_mm,
+            "rotation": of_two_points_mm,
+            "repeatability, radius of the sphere": OUTERMOST_SCATTER * of_point_mm,
+            **dict.fromkeys(CUBE_FIGURES, 0.0),
         }
         lengths = {
-            name: length and length.with_scatter(scatter_mm * float(shares.get(name, 1.0)))
+            name: length and length.with_scatter(scatter_mm.get(name, of_point_mm))
             for name, length in self.figures().items()
         }
-        if self.distances is not None:
-            mean = self.distances.mean.with_scatter(scatter_mm * float(np.sqrt(2.0)))
-            together = mean.standard_uncertainty_mm / float(np.sqrt(len(self.distances.pairs)))
-            lengths["distances, mean error"] = MeasuredLength(mean.value_mm, together)
+        mean = lengths["distances, mean error"]
+        if self.distances is not None and mean is not None:
+            of_mean_mm = mean.standard_uncertainty_mm / float(np.sqrt(len(self.distances.pairs)))
+            lengths["distances, mean error"] = MeasuredLength(mean.value_mm, of_mean_mm)
         return lengths
 
     def further_figures_mm(self) -> dict[str, float | None]:
@@ -361,7 +358,6 @@ def evaluate_validation(
     #    in common (scale, axes): that part needs the points as the tracker saw them.
     # 2. Bring points and covariances into the base frame, if it can be fitted. The pairs are spread
     #    over the workspace; lines and repeated poses would pull the frame towards their few places.
-    # 3. Run each test on the shots of its purpose.
     commanded, points = shots.commanded, shots.points_in_tracker_mm
     covariance, pairs = shots.covariance_mm2(instrument), shots.rows_of(ShotSet.VALIDATION)
     whole = shots.whole_pairs(ShotSet.VALIDATION)

@@ -263,36 +263,54 @@ def campaign_verdict(
     `validated`: whether the robot was measured after calibration. `notes`: sentences that a reader
     of the verdict needs. `gained`: gain of the calibration, stated where no limit is set.
     """
-    # 1. Decisions beside the limits: the identification's, and "not decided" for each broken check.
-    # 2. With limits all decide together. Without limits the answer is "no limits specified" only if
-    #    nothing but a limit is missing: everything else would be hidden behind it.
-    # 3. The reasons, from the identification to the files, whatever the verdict: a reader sees what
-    #    passed too.
     broken = [check for check in checks if check.holds is False]
+    decision = _decide(identification, after, broken)
+    has_limits = any(requirement.limit is not None for requirement in after.requirements)
+    headline = HEADLINES[decision]
+    if not has_limits and decision != "fail":
+        headline = f"{gained} {HEADLINES[NO_LIMIT]}".strip()
+    reasons = (
+        *_identification_reasons(identification),
+        *_limit_reasons(after.requirements, validated=validated),
+        *(f"Not shown: {reason}." for reason in after.beyond),
+        *(f"Worse: {reason}." for reason in after.worse),
+        *notes,
+        *(f"Not confirmed: {check.statement} ({check.detail})." for check in broken),
+    )
+    return CampaignVerdict(decision, headline, reasons, after.requirements)
+
+
+def _decide(
+    identification: IdentificationVerdict | None, after: ValidationVerdict, broken: Sequence[Check]
+) -> Verdict:
+    """Decide a campaign; "no limits specified" only if nothing but a limit is missing."""
     decisions: list[Decision] = ["not decided" for check in broken if check.decides]
     decisions.append("not decided" if identification is None else identification.decision)
-    limited = [requirement for requirement in after.requirements if requirement.limit is not None]
-    decision: Verdict = NO_LIMIT
     if after.decision != NO_LIMIT:
-        decision = decide_all([*decisions, after.decision])
-    elif limited or set(decisions) != {"pass"}:
-        decision = decide_all([*decisions, "not decided"])
-    headline = HEADLINES[decision]
-    if not limited and decision != "fail":
-        headline = f"{gained} {HEADLINES[NO_LIMIT]}".strip()
-    reasons = [str(identification or "Nothing has been identified yet.")]
-    if identification is not None:
-        reasons += [f"Accepted all the same: {finding}." for finding in identification.accepted]
+        return decide_all([*decisions, after.decision])
+    if set(decisions) == {"pass"}:
+        return NO_LIMIT
+    return decide_all([*decisions, "not decided"])
+
+
+def _identification_reasons(identification: IdentificationVerdict | None) -> Iterator[str]:
+    """Yield the verdict on the identification, and what was accepted in spite of a finding."""
+    if identification is None:
+        yield "Nothing has been identified yet."
+        return
+    yield str(identification)
+    yield from (f"Accepted all the same: {finding}." for finding in identification.accepted)
+
+
+def _limit_reasons(requirements: Sequence[Requirement], *, validated: bool) -> Iterator[str]:
+    """Yield what is missing to judge by limits, or the figures by decision, the passed ones too."""
+    limited = [requirement for requirement in requirements if requirement.limit is not None]
     if not validated:
-        reasons.append("The robot has not been validated after calibration.")
+        yield "The robot has not been validated after calibration."
     if not limited:
-        reasons.append("No limits are specified under `acceptance` in campaign.yaml.")
+        yield "No limits are specified under `acceptance` in campaign.yaml."
     elif validated:
-        for word in ("fail", "not decided", "pass"):
-            names = [requirement.name for requirement in limited if requirement.decision == word]
-            reasons += [f"{word.capitalize()}: {'; '.join(names)}."] if names else []
-    reasons += [f"Not shown: {reason}." for reason in after.beyond]
-    reasons += [f"Worse: {reason}." for reason in after.worse]
-    reasons += notes
-    reasons += [f"Not confirmed: {check.statement} ({check.detail})." for check in broken]
-    return CampaignVerdict(decision, headline, tuple(reasons), after.requirements)
+        for decision in ("fail", "not decided", "pass"):
+            names = [figure.name for figure in limited if figure.decision == decision]
+            if names:
+                yield f"{decision.capitalize()}: {'; '.join(names)}."

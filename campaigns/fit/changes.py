@@ -1,22 +1,14 @@
 """Changes in time: a part that moved, a stand that was bumped, a shot that went wrong.
 
 Theory of operation. A fit goes in; a fit with the changes that its shots show comes out. A
-candidate is a part and a span of shots: the part's column c over that span, with a normal prior of
-the size that such a change usually has. All other unknowns are integrated out, so its Bayes factor
-against "nothing changed" is
+candidate is a part and a span of shots: the part's column over that span, with a normal prior of
+the size that such a change usually has.
 
-    log B = ½ s'(I + 1)⁻¹ s - ½ log |I + 1|,   s = Σ c'W r,   I = Σ c'W c - (Σ c'W A) C (Σ A'W c)
-
-1. Scan: the Bayes factors of all candidates. A step lasts to the last shot; the frame may also be
-   taken back (a stand that is bumped and put right).
-2. Alarm: by Markov's inequality the mean Bayes factor over all candidates exceeds 1 / α with at
-most
-   the probability α if nothing changed. A single wrong shot has its own alarm, the largest misfit
-   of N. Where both alarm, the larger Bayes factor decides.
-3. Add the winner to the model (a column, or weight 0 for a shot), fit again, and scan again, until
-   nothing alarms.
-4. Later changes may explain what an earlier one was added for (an interval before both of its steps
-   were found). A change that the others make less likely than no change is taken out.
+1. Scan: the Bayes factor of every candidate against "nothing changed".
+2. Alarm: by Markov's inequality the mean of these factors exceeds 1 / α with at most the
+   probability α if nothing changed. A single wrong shot has its own alarm, the largest misfit of N.
+3. Add the likeliest candidate to the model, fit again, and scan again, until nothing alarms.
+4. Take out a change that later ones made less likely than no change.
 
 Several parts often explain one change nearly as well: all of them are reported, not the best alone.
 """
@@ -141,8 +133,7 @@ def _superfluous_change(posterior: Posterior, changes: Sequence[Change]) -> int 
     return min(unlikely, key=log_factors.__getitem__, default=None)
 
 
-# Columns are derivatives times the usual change, so that the prior of every candidate is N(0, 1).
-# Derivatives in the posterior are by tolerances, hence the division by these.
+# Columns are per usual change, so that the prior of every candidate is N(0, 1).
 def part_columns(posterior: Posterior) -> dict[str, Array]:
     """Return how the points move by a usual change of each part, (N, 3, k) mm by its name."""
     model, jacobian = posterior.model, posterior.at.jacobian
@@ -200,11 +191,13 @@ def log_factors_since_prior(posterior: Posterior) -> dict[str, float]:
     }
 
 
-# Linear Gaussian model: with the column c and its unknown z ~ N(0, 1) the residual r has the
+# Linear Gaussian model: with the column c and its unknown z ~ N(0, 1) the residual has the
 # covariance M + c c' instead of M, where M⁻¹ = W - W A C A' W has all other unknowns integrated
-# out. Woodbury's identity turns the ratio of both densities into log B of the module's text, with I
-# = c' M⁻¹ c. At the minimum of χ² the score c' M⁻¹ r_0 of the prior's residual r_0 is c'W r of the
-# fitted one. Sums over spans come from running sums, so that many spans cost little more than one.
+# out. With the fitted residuals r the logarithm of the ratio of both densities is
+#
+#     log B = ½ s'(I + 1)⁻¹ s - ½ log |I + 1|,   s = Σ c'W r,   I = Σ c'W c - (Σ c'W A) C (Σ A'W c)
+#
+# Sums over spans come from running sums, so that many spans cost little more than one.
 def _scan(posterior: Posterior, spans_of: Mapping[str, Index], otherwise: Index) -> Candidates:
     """Return the candidates of each part over its spans, `otherwise` for parts without spans."""
     weighted_jacobian = posterior.weights @ posterior.at.jacobian
@@ -229,45 +222,50 @@ def _sum_over_spans(rows: Array, spans: Index) -> Array:
     return np.asarray(sums[spans[:, 1]] - sums[spans[:, 0]])
 
 
-# 1. Spans: steps of every part at every shot; of the frame also intervals between at most 60 shots,
-#    for all pairs of shots would be too many; single shots.
-# 2. Alarm of lasting changes: log of the sum of M Bayes factors above log(M / α), which is their
-#    mean above 1 / α. Alarm of a shot: its χ²(3) above the level α / N (Bonferroni).
-# 3. Among what alarms, the candidate with the largest Bayes factor.
-# 4. The evidence of a part is the sum of Bayes factors over its spans: where the shot of the change
-#    is uncertain, its neighbours count too.
 def _likeliest_change(posterior: Posterior) -> Change | None:
-    """Return the likeliest change that alarms, or None."""
+    """Return the likeliest change that alarms, without its size, or None."""
     count = len(posterior.kept)
-    starts = np.arange(FEWEST_SHOTS, count - FEWEST_SHOTS + 1)
-    steps = np.stack([starts, np.full(len(starts), count)], axis=1)
-    ends = np.unique(np.linspace(FEWEST_SHOTS, count - FEWEST_SHOTS, INTERVAL_ENDS).astype(int))
-    pairs = [(first, last) for first in ends for last in ends if last > first + FEWEST_SHOTS]
-    intervals = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    steps = _steps(count)
     shots = np.stack([np.arange(count), np.arange(count) + 1], axis=1)
-    spans_of = {SHOT: shots, FRAME: np.concatenate([steps, intervals])}
+    spans_of = {SHOT: shots, FRAME: np.concatenate([steps, _intervals(count)])}
     candidates = _scan(posterior, spans_of, steps)
-    by_part = {part: log_factors for part, (_, log_factors) in candidates.items()}
-    lasting = np.concatenate([by_part[part] for part in by_part if part != SHOT])
-    lasting_alarm = (
-        scipy.special.logsumexp(lasting) > np.log(len(lasting) / ALARM) if len(lasting) else False
-    )
+    lasting = {part: factors for part, (_, factors) in candidates.items() if part != SHOT}
     misfit = np.where(posterior.kept, misfits(posterior), 0.0)
-    shot_alarms = misfit.max() > scipy.special.chdtri(3, ALARM / len(misfit))
-    alarming = [part for part in by_part if (shot_alarms if part == SHOT else lasting_alarm)]
+
+    alarming = list(lasting) if _is_alarm(np.concatenate([*lasting.values()])) else []
+    if misfit.max() > scipy.special.chdtri(3, ALARM / count):  # Bonferroni
+        alarming.insert(0, SHOT)
     if not alarming:
         return None
-    best = max(alarming, key=lambda part: by_part[part].max())
+
+    best = max(alarming, key=lambda part: candidates[part][1].max())
     if best == SHOT:
         worst = int(misfit.argmax())
         return Change(SHOT, worst, worst + 1, (SHOT,), 0.0, 0.0)
-    since, until = candidates[best][0][by_part[best].argmax()].tolist()
-    evidence = {
-        part: float(scipy.special.logsumexp(log_factors))
-        for part, log_factors in by_part.items()
-        if part != SHOT
-    }
+    spans, log_factors = candidates[best]
+    since, until = spans[log_factors.argmax()].tolist()
+    # where the shot of the change is uncertain, the neighbouring spans count too
+    evidence = {part: float(scipy.special.logsumexp(values)) for part, values in lasting.items()}
     return Change(best, since, until, likely_parts(evidence), 0.0, 0.0)
+
+
+def _steps(count: int) -> Index:
+    """Return the spans (M, 2) of changes that last from some shot to the last of `count`."""
+    starts = np.arange(FEWEST_SHOTS, count - FEWEST_SHOTS + 1)
+    return np.stack([starts, np.full(len(starts), count)], axis=1)
+
+
+def _intervals(count: int) -> Index:
+    """Return the spans (M, 2) of changes of the frame that were taken back: a stand put right."""
+    ends = np.unique(np.linspace(FEWEST_SHOTS, count - FEWEST_SHOTS, INTERVAL_ENDS).astype(int))
+    pairs = [(first, last) for first in ends for last in ends if last > first + FEWEST_SHOTS]
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2)
+
+
+def _is_alarm(log_factors: Array) -> bool:
+    """Return whether the mean of Bayes factors (M,) is above 1 / α."""
+    count = len(log_factors)
+    return count > 0 and bool(scipy.special.logsumexp(log_factors) > np.log(count / ALARM))
 
 
 def likely_parts(evidence: Mapping[str, float]) -> tuple[str, ...]:
@@ -276,9 +274,8 @@ def likely_parts(evidence: Mapping[str, float]) -> tuple[str, ...]:
     return tuple(part for part in order if evidence[part] > evidence[order[0]] - INDISTINCT)
 
 
-# The unknowns x of a change are in usual changes. `moves` (m, k) turns them into sizes moves · x
-# with variances diag(moves C moves'): mm or rad of each unknown, or of a frame the shifts of its
-# points. The size with the largest |size| / σ is reported.
+# `moves` (m, k) turns the unknowns of a change, in usual changes, into sizes in mm or rad; of a
+# frame these are the shifts of its points. The size with the largest |size| / σ is reported.
 def _with_sizes(posterior: Posterior, changes: Sequence[Change]) -> Iterator[Change]:
     """Yield the changes with their sizes: of a frame at its points, of shots as residuals."""
     columns, places_of = part_columns(posterior), dict(_places_of_changes(posterior, changes))

@@ -4,21 +4,12 @@ Theory of operation. Candidates are poses with whitened derivatives J_i (3, Q) o
 all unknowns. After the chosen shots the posterior covariance is C = (P + Σ J_i'J_i)⁻¹, with the
 priors' precision P. It depends on poses alone, so a plan can be judged before anything is measured.
 Minimised is the mean variance of positions over the workspace, tr(B C B'), with derivatives B
-without the frame's motion: I-optimality (also V-optimality), the quantity that users ask about,
-where D-optimality would weigh parameters that move no position.
+without the frame's motion: I-optimality, the quantity that users ask about, where D-optimality
+would weigh parameters that move no position.
 
 1. Greedy: add the best candidate, one after the other.
-2. Exchange (Fedorov 1972): take each chosen shot away and add the best candidate instead, until no
-   shot changes.
-
-A shot more or less changes C by a term of rank 3 (Woodbury's identity). With A = 1 ± J C J'
-
-    C ← C ∓ C J' A⁻¹ J C          tr(B C B') falls or rises by tr(A⁻¹ J C B' B C J')
-
-so that all candidates are judged at once from the products J C and J C B', which follow each change
-by a term of rank 3 as well: no matrix is inverted again for a trial.
-
-Greedy choice alone comes within 10 % of the best σ that was found, exchange within 5 %.
+2. Exchange (Cook and Nachtsheim 1980): take each chosen shot away and add the best candidate
+   instead, until no shot changes.
 """
 
 from dataclasses import dataclass, field
@@ -31,6 +22,10 @@ MOST_EXCHANGE_ROUNDS = 3
 """Largest number of rounds of exchange: later ones change little."""
 
 
+# A shot more or less changes C by a term of rank 3 (Woodbury's identity). With A = 1 ± J C J'
+#     C ← C ∓ C J' A⁻¹ J C          tr(B C B') falls or rises by tr(A⁻¹ J C B' B C J')
+# so that all candidates are judged at once from the products J C and J C B', which follow each
+# change by a term of rank 3 as well: no matrix is inverted again for a trial.
 @dataclass(eq=False)
 class ShotDesign:
     """Shots chosen among candidates, and the posterior covariance after them."""
@@ -46,8 +41,7 @@ class ShotDesign:
     """Rows of the chosen candidates, in the order of their choice."""
 
     def __post_init__(self) -> None:
-        # B enters as B'B alone, and so does its factor R of B = QR, which has few rows; K / 3 is
-        # the number of positions, which makes a sum over them a mean
+        # only B'B = R'R matters, with B = QR: R has few rows. K / 3 is the number of positions
         self.judged = np.linalg.qr(self.judged, mode="r") / np.sqrt(len(self.judged) / 3.0)
         self._restart()
 
@@ -97,7 +91,7 @@ class ShotDesign:
     def _change(self, shot: int, sign: float) -> None:
         """Add (+1) or take away (-1) a shot from the covariance and all products."""
         jacobian, product = self.jacobians[shot], self._products[shot]
-        inner = np.eye(3) + sign * jacobian @ product.T  # A of the module's text
+        inner = np.eye(3) + sign * jacobian @ product.T  # A, (3, 3)
         change = np.linalg.solve(inner, product)  # A⁻¹ J C
         self.covariance = self.covariance - sign * product.T @ change
         mixed = sign * (self.jacobians @ product.T)  # J of all candidates · C J'

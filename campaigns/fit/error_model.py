@@ -10,9 +10,7 @@ model as an unknown with a prior of mean 0: there is no choice of a model to mak
 deviations from nominal in units of their tolerances, so that every prior is N(0, ρ²) with a size ρ
 that is 1 for parts within their tolerance; this also scales the columns for the linear algebra. The
 six unknowns of each frame are flat, without a prior: a turn in mrad and a shift in mm.
-
-`ErrorModel.linearise` returns residuals, predicted less measured, and their derivatives: everything
-that the fit (`posterior.py`), the plan and the uncertainty are computed from.
+`ErrorModel.linearise` returns residuals, predicted less measured, and their derivatives.
 """
 
 from collections.abc import Collection, Mapping
@@ -117,7 +115,7 @@ class ErrorModel:
         """Names of the unknowns, (P,): parameters of the robot, then sources of the tracker."""
         mechanism = self.nominal.mechanism
         table, has_rate = mechanism.parameters, mechanism.rate != 0.0
-        # a ripple of unknown period and the growth of parts without temperatures have no columns
+        # a ripple of unknown period, or growth without temperatures, has no column
         names = [
             parameter.name
             for parameter in table.rows
@@ -215,12 +213,8 @@ class ErrorModel:
         columns[..., :count] = by_p[..., self.places] * self.tolerance[:count]
         return columns, by_joint
 
-    # 1. Assemble the robot at the unknowns, and differentiate its positions by all parameters.
-    # 2. Growth: no parameter of the robot, so its linear columns times its unknowns are added.
-    # 3. Turn positions and columns into the tracker's frame, each shot by its session's.
-    # 4. Tracker: columns of its errors at the measured points, linear as well.
-    # 5. Added changes: given columns times their unknowns.
-    # 6. Frames: six columns for each, at the rows of its session.
+    # Parameters enter the kinematics. Growth, the tracker's errors and added changes are small:
+    # their columns times their unknowns are added to the predicted points.
     def linearise(
         self,
         observations: Observations,
@@ -285,9 +279,7 @@ def frames_of_shots(frames: tuple[Transform, ...], frame: Index) -> tuple[Array,
     return turns[frame], shifts[frame]
 
 
-# R ← exp(ψ×) R, t ← t + shift: the turn follows the rotation that there is, as `frame_columns` has
-# its derivatives. Composed in this way, frames never leave the rotations and have no singular
-# angles.
+# R ← exp(ψ×) R, as `frame_columns` has its derivatives: there are no singular angles.
 def moved_frames(frames: tuple[Transform, ...], step: Array) -> tuple[Transform, ...]:
     """Return frames after a step (6 F,) of turns in mrad and shifts in mm."""
     steps = step.reshape(len(frames), 6)
@@ -299,9 +291,8 @@ def moved_frames(frames: tuple[Transform, ...], step: Array) -> tuple[Transform,
     )
 
 
-# Fit the frames to the nominal robot's points (Kabsch), leave out points that are farther off than
-# six medians and 1 mm, and fit again: three times, for a far point pulls the first fit and hides
-# others. The median does not follow them while they are fewer than half.
+# Points farther off than six medians and 1 mm are left out three times, for a far point pulls the
+# first fit and hides others. The median does not follow them while they are fewer than half.
 def first_frames(
     model: ErrorModel, observations: Observations, kept: Mask
 ) -> tuple[tuple[Transform, ...], Mask]:

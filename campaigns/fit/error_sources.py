@@ -118,9 +118,9 @@ def tracker_columns(points: Array) -> dict[str, Array]:
     Units are mm of the reflector's constant, rad of the transit axis out of square, and the ratio
     of the error of scale.
     """
-    # constant: along the beam b. Transit axis tilted by τ: the azimuth is off by τ tan(elevation),
-    # which at the horizontal distance r cos(elevation) is τ z sideways (Deumlich and Staiger).
-    # Scale: about the points' middle, for the frame takes up any shift.
+    # Constant: along the beam. Transit axis tilted by τ: the azimuth is off by τ tan(elevation),
+    # which at the horizontal distance r cos(elevation) is τ z sideways. Scale: about the points'
+    # middle, for the frame takes up any shift.
     distance = np.linalg.norm(points, axis=1, keepdims=True)
     # on the tracker's vertical axis no direction is sideways: 1 mm avoids the division by 0
     level = np.maximum(np.hypot(points[:, :1], points[:, 1:2]), 1.0)

@@ -6,22 +6,15 @@ Theory of operation. Measured points go in with the joints read there, and the m
     χ² = Σ r_i' W_i r_i + (x - μ)' D (x - μ)
 
 with residuals r_i = predicted - measured point (mm), weights W_i (the inverse covariance of a
-shot), unknowns x in units of their tolerances, and the priors' mean μ and precision D. Neither the
-sizes of the priors nor the noise are known beforehand, so three things alternate:
-
-1. Gauss-Newton with all groups at their tolerances, until steps are below the uncertainty. With the
-   scatter at its tolerance early steps cannot bend the geometry to single bad points.
-2. Sizes of the groups and factors of the noise (`variance_components.py`), in the linearised model.
-3. Gauss-Newton again; 2 and 3 alternate until both have settled.
+shot), unknowns x in units of their tolerances, and the priors' mean μ and precision D. The sizes of
+the priors and the noise are unknown too: they are estimated between the steps.
 
 Out come x, its covariance C = (Σ A'WA + D)⁻¹, sizes and noise. As every source of error has a
 prior, no parameter has to be held and no model to be chosen: what no shot determines stays at
-nominal, with its tolerance as its σ, and C is the whole budget of uncertainty.
-
-A step that raises χ², or leads to no assembly, is taken back and quartered.
+nominal, with its tolerance as its σ.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -128,10 +121,10 @@ class Posterior:
 # a step of one standard deviation, so that gains measure progress in units of the uncertainty.
 #
 # 1. Begin at nominal with the best frames, or at an earlier posterior of these shots.
-# 2. While gains are above 1, take steps alone: sizes and noise estimated far from the minimum would
-#    be those of the misfit.
+# 2. While gains are above 1, take steps alone, with all groups and the scatter at their tolerances:
+#    sizes and noise estimated far from the minimum would be those of the misfit.
 # 3. Then estimate sizes and noise before every step, the first time in more rounds.
-# 4. End when a step gains less than 0.01, after two estimates at least.
+# 4. End when a step gains less than 0.01, after two estimates at least, or cannot lower χ².
 def fit(
     model: ErrorModel,
     observations: Observations,
@@ -169,11 +162,6 @@ def fit(
         groups = {} if prior.precision is not None else model.learned
         return LinearModel(at, noise, kept, deviation, fixed, groups)
 
-    def take_step(state: LinearModel, step: Array) -> LinearModel:
-        at = state.at
-        x, of_frames = at.x + step[:size], step[size:]
-        return linear_at(x, moved_frames(at.frames, of_frames), at.assembly.unknowns)
-
     state = linear_at(x, frames, near)
     if components is None:
         factors = dict.fromkeys(state.noise, 1.0) | dict(prior.factors)
@@ -189,19 +177,14 @@ def fit(
             components = replace(components, factors={**components.factors, **prior.factors})
             updates += 1
             solution = state.solve_with(components)
-        before, step = state.objective(components), solution.step
-        trial = take_step(state, step)
-        # a step that leads to no assembly has an infinite χ²
-        while trial.objective(components) > before * (1.0 + 1e-6) + ALLOWED_RISE:
+        trials = _shortened_steps(state, solution.step, MOST_ROUNDS - rounds, linear_at)
+        limit = state.objective(components) * (1.0 + 1e-6) + ALLOWED_RISE
+        for trial in trials:
             rounds += 1
-            if rounds >= MOST_ROUNDS:
+            # a step that leads to no assembly has an infinite χ²
+            if trial.objective(components) <= limit:
+                state, solution = trial, trial.solve_with(components)
                 break
-            step = step / 4.0
-            trial = take_step(state, step)
-        else:
-            state = trial
-            solution = state.solve_with(components)
-        rounds += 1
     return Posterior(
         model=model,
         observations=observations,
@@ -218,8 +201,22 @@ def fit(
     )
 
 
-# Unknowns are in tolerances, so that a tolerance is a precision of 1. Learned groups get their
-# precision from their size instead (`LinearModel.precision`), and frames have none: they are flat.
+def _shortened_steps(
+    state: LinearModel,
+    step: Array,
+    most: int,
+    linear_at: Callable[[Array, tuple[Transform, ...], Array], LinearModel],
+) -> Iterator[LinearModel]:
+    """Yield the models after a step (Q,), after a quarter of it, and so on, at most `most`."""
+    at = state.at
+    size = len(at.x)
+    for _ in range(most):
+        frames = moved_frames(at.frames, step[size:])
+        yield linear_at(at.x + step[:size], frames, at.assembly.unknowns)
+        step = step / 4.0
+
+
+# A tolerance is a precision of 1. Learned groups get theirs from their size, and frames have none.
 # A length known to σ, of a source with tolerance τ, is the precision (τ / σ)² about its value / τ.
 def _fixed_prior(
     model: ErrorModel, x: Array, frame_unknowns: int, prior: Prior

@@ -42,9 +42,9 @@ class Transform:
         return Transform(self.rotation.T, -self.rotation.T @ self.translation_mm)
 
 
-# Kabsch 1976: with the SVD Σ b a' = U S V', tr(R' Σ b a') is largest, and so the squares are least,
-# for R = U D V', where D = diag(1, 1, ± 1) makes det R = 1: a reflection would otherwise come out
-# where points are mirrored, or lie in a plane.
+# With the SVD Σ b a' = U S V', tr(R' Σ b a') is largest, and so the squares are least,
+# for R = U D V', where D = diag(1, 1, ± 1) makes det R = 1 (Umeyama 1991): a reflection would
+# otherwise come out where points are mirrored, or lie in a plane.
 def best_rotation(centred_a: Array, centred_b: Array) -> tuple[Array, Array]:
     """Return the rotation (3, 3) that brings centred points a (N, 3) best to b, and spreads (3,).
 
@@ -132,7 +132,6 @@ def away_from_mean(points_mm: Array) -> Array:
 
 def away_from_best_line(points_mm: Array) -> Array:
     """Return the vectors from the best straight line in space, square to it, to points (N, 3)."""
-    # total least squares: the line through the mean along the first principal direction
     centred = away_from_mean(points_mm)
     direction = np.linalg.svd(centred)[2][0]
     return np.asarray(centred - np.outer(centred @ direction, direction))
@@ -163,7 +162,7 @@ def length_with_std(vector_mm: Array, covariance_mm2: Array) -> tuple[float, flo
 
     A length of 0 has the σ of its worst direction.
     """
-    # first-order propagation (GUM 5.1.2): the gradient of |v| is v / |v|, which 0 does not have
+    # first-order propagation (GUM 5.2.2): the gradient of |v| is v / |v|, which 0 does not have
     length = float(np.linalg.norm(vector_mm))
     if length == 0.0:
         return 0.0, float(np.sqrt(np.linalg.eigvalsh(covariance_mm2)[-1]))

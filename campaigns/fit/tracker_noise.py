@@ -89,7 +89,6 @@ def covariance_by_direction_mm2(
     points_from_tracker_mm: Array, uncertainty: TrackerUncertainty
 ) -> tuple[Array, Array]:
     """Return the parts of a point's covariance along the beam and across it, (…, 3, 3) each."""
-    # both directions across the beam have one variance, so no axis of the instrument is needed
     distance = np.linalg.norm(points_from_tracker_mm, axis=-1)
     beam = points_from_tracker_mm / distance[..., None]
     outer = beam[..., :, None] * beam[..., None, :]
@@ -102,7 +101,6 @@ def distance_variance_mm2(
     points_mm: Array, covariance_mm2: Array, first: Index, second: Index
 ) -> Array:
     """Return the variance (M,) of the distances between rows `first` and `second` of (N, 3)."""
-    # n' (Σ_1 + Σ_2) n with the unit vector n between two independent points, first order
     direction = directions(points_mm, first, second)
     together = covariance_mm2[first] + covariance_mm2[second]
     return np.asarray(np.einsum("mi,mij,mj->m", direction, together, direction))

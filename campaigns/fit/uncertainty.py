@@ -1,19 +1,16 @@
 """Uncertainty of a fit: directions that no shot determines, σ of positions, and its budget.
 
-Theory of operation. The posterior covariance C of all unknowns comes in. It holds more than a user
-asks for, in two ways.
-
-First, some combinations of parameters move no point: motions of the robot's base frame, which the
-tracker's free frame takes back, and combinations that the mechanism hides. They are found as
-directions of practically no information (`null_directions`), are held at nominal, and their
-uncertainty is projected out of the σ of parameters. Geodesy calls this the datum of a free network
-by inner constraints, and the projection S = 1 - ZZ' an S-transformation (Baarda 1973).
+Theory of operation. The posterior covariance C of all unknowns comes in. First, some combinations
+of parameters move no point: motions of the robot's base frame, which the tracker's free frame takes
+back, and combinations that the mechanism hides. They are found as directions of practically no
+information (`null_directions`), are held at nominal, and their uncertainty is projected out of the
+σ of parameters. Geodesy calls this the datum of a free network, and the projection S = 1 - ZZ' an
+S-transformation (Baarda 1973).
 
 Second, positions are of interest up to a motion of the frame, for the robot's base is where its
 users define it. Derivatives of positions lose the part that a frame explains (`without_frame`);
-with what remains, B, the variance of positions is the diagonal of B C B' (`position_std_mm`).
-`budget` splits its mean into shares of the noise and of each prior, by which a reader sees what to
-improve: measure better, or measure more.
+with what remains, B, the variances of coordinates are the diagonal of B C B' (`position_std_mm`).
+`budget` splits their mean square into shares of the noise and of each prior.
 """
 
 from collections.abc import Mapping
@@ -50,7 +47,6 @@ class NullDirections:
         """Return orthonormal directions (P, k) with the names of the unknowns in each."""
         return cls(vectors, _name_combinations(vectors, names))
 
-    # S-transformation with S = 1 - ZZ': x → S x, C → S C S
     def transform(self, x: Array) -> Array:
         """Return unknowns (P,) in the datum in which these directions are held at nominal."""
         return np.asarray(x - self.vectors @ (self.vectors.T @ x))
@@ -82,8 +78,7 @@ def shot_information(jacobian: Array, weights: Array) -> Array:
     return np.asarray((weights @ jacobian).reshape(rows.shape).T @ rows)
 
 
-# Schur complement N_pp - N_pf N_ff⁻¹ N_fp: what the shots determine of the parameters p if nothing
-# is known of the frames f. Its inverse is the block of the whole inverse.
+# Schur complement N_pp - N_pf N_ff⁻¹ N_fp: its inverse is the block of the whole inverse.
 def marginal_information(information: Array, size: int) -> Array:
     """Return the information on the first `size` unknowns, the others eliminated."""
     parameters, mixed = information[:size, :size], information[:size, size:]
@@ -100,10 +95,9 @@ def null_directions_of(information: Array, names: tuple[str, ...]) -> NullDirect
     return NullDirections.spanned_by(vectors[:, values < UNSEEN_TOLERANCES**-2], names)
 
 
-# All bases of the null space are equally good, but eigenvectors mix everything with
-# everything. Reduced echelon form: QR with column pivoting picks the k rows of Z (P, k) that are
-# most independent, the pivots; Z times the inverse of these rows has a 1 at one pivot and 0 at the
-# others, so that each combination is one parameter with those that can imitate it.
+# Eigenvectors mix all combinations. Reduced echelon form: QR with column pivoting picks the k rows
+# of Z (P, k) that are most independent, the pivots; Z times the inverse of these rows has a 1 at
+# one pivot and 0 at the others: one parameter with those that can imitate it.
 def _name_combinations(null: Array, names: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
     """Return the names of the parameters in the simplest combinations that span Z (P, k)."""
     if not null.shape[1]:
@@ -119,8 +113,7 @@ def _name_combinations(null: Array, names: tuple[str, ...]) -> tuple[tuple[str, 
     )
 
 
-# B = (1 - QQ') ∂X/∂x with an orthonormal basis Q of the six motions of the frame at all positions
-# together: the residual of the best fit of a frame (least squares), for each parameter's column.
+# B = (1 - QQ') ∂X/∂x with an orthonormal basis Q of the six motions of the frame.
 def without_frame(by: Array, positions: Array) -> Array:
     """Return derivatives of positions (M, 3, P) from which every motion of the frame is removed."""
     frame = frame_columns(positions).reshape(-1, 6)
@@ -135,9 +128,7 @@ def position_std_mm(by: Array, covariance: Array) -> Array:
 
 
 # As C⁻¹ = A'WA + D and W = W (Σ φ_k V_k) W,
-#
 #     C = C C⁻¹ C = C (Σ_k φ_k A'W V_k W A + Σ_g D_g) C
-#
 # and each part k of the noise and each group g of priors has a term of its own in B C B'. A part's
 # term is the sum of squares of L'W A C B' with the Cholesky factor L L' = φ V; the 1e-18 mm² lets a
 # singular part, such as noise along the beam alone, be factored.

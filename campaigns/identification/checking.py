@@ -1,8 +1,7 @@
 """Check a calibration by a few new shots, and update it by them.
 
 A check answers "is this still the robot that was identified?" with some eight shots instead of a
-campaign. It can, because it starts from what the campaign determined: the posterior of the last
-identification is the prior of the new shots.
+campaign: the posterior of the last identification is the prior of the new shots.
 
 1. Widen that prior by the usual drift of each part until a later day (settling screws, homing).
 2. Fit the new shots with it. Their frame is free, so the tracker may stand anywhere.

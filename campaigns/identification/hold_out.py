@@ -12,6 +12,7 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index
+from campaigns.fit.error_model import Observations
 from campaigns.fit.posterior import Posterior, noise_parts
 from campaigns.fit.rigid_transforms import directions, distances_mm
 from campaigns.identification.findings import HoldOut
@@ -99,38 +100,52 @@ def _test_distances(
     posterior: Posterior, shots: Shots, near: Array, rows: Index, options: IdentificationOptions
 ) -> HoldOut:
     """Test the distances of pairs (M, 2) by their covariance: of parameters, and of both points."""
-    # 1. Linearise the model at the identified unknowns for the shots of the pairs, each shot once:
-    #    pairs may share one.
-    # 2. A distance's error is the residual of its second point minus that of its first, along the
-    #    line between them: `by_points` (M, N, 3) is that projection for all pairs at once.
-    # 3. Propagate both sources through it. Unknowns: the posterior covariance, with the frames,
-    #    whose motion cancels in a distance. Points: the tracker's noise and the robot's scatter
-    #    with their estimated factors.
+    # 1. Linearise the model at the identified unknowns for the shots of the pairs.
+    # 2. Project the residuals of both points on the line between them: the distance's error.
+    # 3. Propagate the covariance of the unknowns and the noise of the points to the distances.
     # 4. χ² by the full covariance, since all pairs have the parameters' errors in common.
-    used, places = np.unique(rows, return_inverse=True)
-    subset = shots.rows(used)
-    observations = observations_of(subset, near[used], options)
-    if options.sessions:
-        sessions = np.unique(shots.session[shots.rows_of(ShotSet.IDENTIFICATION)])
-        observations = replace(observations, frame=np.searchsorted(sessions, subset.session))
-    model, factors = posterior.model, posterior.components.factors
+    used, places = np.unique(rows, return_inverse=True)  # pairs may share a shot
+    observations = _unseen_observations(shots, used, near, options)
+    model = posterior.model
     at = model.linearise(observations, posterior.x, posterior.at.frames, observations.near)
-    parts = noise_parts(model, observations, at.by_joint).items()
-    noise = sum(factors.get(part, 1.0) * covariance for part, covariance in parts)
-    first, second = places.reshape(rows.shape).T
-    along = directions(subset.points_in_tracker_mm, first, second)
-    by_points = np.zeros((len(rows), len(used), 3))
-    pair = np.arange(len(rows))
-    by_points[pair, second] += along
-    by_points[pair, first] -= along
+    by_points = _distances_by_points(observations.points, places.reshape(rows.shape))
     errors = (by_points * at.residual).sum(axis=(1, 2))
     by_unknowns = np.einsum("mnk,nkq->mq", by_points, at.jacobian)
-    # Columns of changes in time have no counterpart in the unseen shots: drop their unknowns.
-    changes = range(len(model.names), len(posterior.at.x))
-    unknowns = np.delete(np.delete(posterior.covariance, changes, axis=0), changes, axis=1)
-    covariance = by_unknowns @ unknowns @ by_unknowns.T
+    covariance = by_unknowns @ _covariance_without_changes(posterior) @ by_unknowns.T
+    factors = posterior.components.factors
+    parts = noise_parts(model, observations, at.by_joint).items()
+    noise = sum(factors.get(part, 1.0) * part_covariance for part, part_covariance in parts)
     covariance += np.einsum("ank,nkl,bnl->ab", by_points, noise, by_points, optimize=True)
     chi2 = float(errors @ np.linalg.solve(covariance, errors))
     p = float(scipy.special.chdtrc(len(rows), chi2))
     ratio = float(np.sqrt((errors**2).sum() / np.trace(covariance)))
     return HoldOut(len(rows), chi2, p, ratio)
+
+
+def _unseen_observations(
+    shots: Shots, rows: Index, near: Array, options: IdentificationOptions
+) -> Observations:
+    """Return the observations of some rows, each in the frame that its session was fitted with."""
+    unseen = shots.rows(rows)
+    observations = observations_of(unseen, near[rows], options)
+    if not options.sessions:
+        return observations
+    fitted_sessions = np.unique(shots.session[shots.rows_of(ShotSet.IDENTIFICATION)])
+    return replace(observations, frame=np.searchsorted(fitted_sessions, unseen.session))
+
+
+def _distances_by_points(points_mm: Array, pairs: Index) -> Array:
+    """Return the derivatives (M, N, 3) of the distances of pairs (M, 2) by all points (N, 3)."""
+    first, second = pairs.T
+    along = directions(points_mm, first, second)
+    by_points = np.zeros((len(pairs), len(points_mm), 3))
+    pair = np.arange(len(pairs))
+    by_points[pair, second] += along
+    by_points[pair, first] -= along
+    return by_points
+
+
+def _covariance_without_changes(posterior: Posterior) -> Array:
+    """Return the covariance of the model's unknowns and frames; no unseen shot has changes."""
+    changes = range(len(posterior.model.names), len(posterior.at.x))
+    return np.delete(np.delete(posterior.covariance, changes, axis=0), changes, axis=1)

@@ -1,19 +1,15 @@
 """Identify a robot: fit all sources of error, test the result on unseen pairs, and decide.
 
-In come the nominal robot, the shots of a campaign (joint readings and measured points) and the
-options; out comes one `IdentificationResult`.
-
 1. Check that the shots can be this robot's (`evaluation/plausibility.py`): a least-squares fit
    would follow points in the wrong unit or swapped joints without complaint.
-2. Fit the identification shots (`campaigns/fit`). Every source of error is an unknown whose prior
-   is its tolerance, so there is no model to select: what the shots do not show stays at nominal
-   and keeps its tolerance as uncertainty. Changes in time and wrong shots are searched for here.
+2. Fit the identification shots (`campaigns/fit`), and search for changes in time and wrong shots.
+   Every source of error is an unknown whose prior is its tolerance: there is no model to select.
 3. Predict the distances of the hold-out pairs, which were never fitted, and compare
-   (`hold_out.py`): they alone show errors for which the model has no column.
+   (`hold_out.py`): they also show errors for which the model has no column.
 4. State the uncertainty of parameters and of positions, with its budget (`positions.py`).
 5. Collect the findings (`findings.py`), and decide: pass, fail or not decided.
 
-`update` begins at step 3, with the posterior of a check instead of a fit from nominal. The paper's
+`update` fits the shots of a check to the former posterior instead of steps 1 and 2. The paper's
 method, `--model paper`, branches off after step 1 (`paper.py`).
 """
 
@@ -330,8 +326,6 @@ class _FittedCampaign:
     def _collect_findings(
         self, null: NullDirections, unseen: UnseenPairs, region: Region | None
     ) -> Iterator[Finding]:
-        # In this order they are reported: whether there is a fit, the robot's parts, its scatter,
-        # changes in time, then the hold-out pairs, and last the workspace.
         posterior, options = self.posterior, self.options
         revolute = self.nominal.mechanism.joints[0].is_revolute
         if not posterior.has_converged:

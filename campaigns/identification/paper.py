@@ -51,12 +51,8 @@ def identify_as_paper(
     nominal: Kinematics, shots: Shots, at_nominal: KinematicSolution, options: IdentificationOptions
 ) -> IdentificationResult:
     """Identify from the distances of the identification pairs; raise `ShotsMissing` for too few."""
-    # 1. Take the usable identification pairs: at least as many as parameters.
-    # 2. Minimise the errors of their distances from the nominal robot on. x_scale="jac" scales the
-    #    columns: mm and rad differ by orders of magnitude in their effect.
-    # 3. Covariance s² (J'J)⁺. The pseudo-inverse gives a finite answer also where --free asks for
-    #    parameters that distances do not distinguish.
-    # 4. Compare nominal and identified distances of fitted and of validation pairs.
+    # x_scale="jac" scales the columns: mm and rad differ by orders of magnitude in their effect.
+    # The pseudo-inverse in s² (J'J)⁺ is finite also where distances do not distinguish parameters.
     names = free_names(nominal, options)
     table = nominal.mechanism.parameters
     places = table.places(names)

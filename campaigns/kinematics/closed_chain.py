@@ -10,18 +10,8 @@ e the difference of the two bars' unit vectors, the rods of arm i close where
 Unknown are y = (X, Y, Z[, θ]) and, of a robot with imperfect parts, the plate's small tilt ψ, a
 rotation vector about the measured point. Perfect parts keep the plate level: then the sums alone
 are solved. Three arms have 6 closures for 6 unknowns. Four arms have 8 for 7: all rods are taken as
-equally stiff, which minimises the sum of squares and weights a difference by half the width.
-
-`closures` states these equations once, for level and tilted plates. Everything else is derived:
-
-- forward model (`assemble`): Gauss-Newton on the closures from a pose nearby or from guesses;
-- inverse model (`inverse`): closed form for a level plate, a fixed point around it otherwise;
-- derivatives (`jacobian`): complex steps of the closures, and the implicit function theorem.
-
-For one set of joints there is more than one real assembly. The wanted one hangs below its elbows,
-turns less than the platform's limit, and has the sign of the closures' determinant that the robot
-has at home. Newton's method alone ends on a wrong assembly for about one pose in a hundred, so each
-answer is checked, and rows that fail are started again from other guesses.
+equally stiff, which minimises the sum of squares. `closures` states these equations once. From them
+follow the forward model (`assemble`), the inverse model (`inverse`) and derivatives (`jacobian`).
 """
 
 from collections.abc import Mapping
@@ -45,7 +35,7 @@ CHUNK = 4096
 """Rows solved at a time, so that they stay in the processor's cache."""
 MOST_ITERATIONS = 40
 CONVERGED_MM = 1e-8
-"""A Newton step shorter than this leaves an error of its square over the forearm's length."""
+"""Step of the search below which a pose has been reached."""
 STEP_MM, TURN_STEP_MM = 120.0, 35.0
 """Longest steps of a search: of the position, and of the turn times its lever."""
 TILTING = ("parallelogram_skew", "axis_tilt", "bar_turn")
@@ -54,8 +44,7 @@ WELL_BELOW_MM = 100.0
 """Height below the usual guess at which the assembly mode at home is read off."""
 MOST_INVERSE_ROUNDS = 30
 INVERSE_ERROR_MM = 1e-9
-"""Distance of a pose reached from the pose wanted that ends these rounds; the last one leaves a
-thousandth of it."""
+"""Distance of a pose reached from the pose wanted that ends these rounds."""
 GUESSES = ((0.0, 0.0), (0.6, -40.0), (-0.6, -40.0), (0.0, -150.0), (0.9, 60.0), (-0.9, 60.0),
            (0.0, 150.0))  # fmt: skip
 """Turns in rad and heights in mm above the usual guess, in the order in which they are tried."""
@@ -137,7 +126,7 @@ class ClosedChain:
     @property
     def phase_rate(self) -> float:
         """Change N of a ripple's phase with a reading: rad over rad, or rad over mm."""
-        # files give cranks the periods in a turn, which is N itself, carriages the period in mm
+        # files give cranks the periods in a turn, which is N itself
         in_mm = self.parameters.rate.unit == "mm"
         return 2.0 * np.pi / self.rate if in_mm and self.rate else self.rate
 
@@ -259,8 +248,8 @@ class ClosedChain:
     #
     #     dy/dp = -F_y⁺ F_p          F_y⁺ = (F_y' F_y)⁻¹ F_y'
     #
-    # With four arms F_y has one row more than columns. The pseudo-inverse F_y⁺ is then the
-    # Gauss-Newton form: the curvature of rods that do not quite close is left out.
+    # Of a tilted plate on four arms F_y has one row more than columns: the pseudo-inverse F_y⁺ then
+    # leaves out the curvature of rods that do not quite close.
     #
     # 1. Joints with their yield, and the unknowns of a tilted plate: also where this robot's parts
     #    are perfect, for the derivatives by imperfections are not 0 there.
@@ -268,7 +257,6 @@ class ClosedChain:
     #    all arms stepped at once therefore gives the derivatives by n parameters.
     # 3. The platform's length enters all closures: an evaluation of its own.
     # 4. Errors of the transmission act like the joint's offset, each times its factor.
-    # 5. The sag moves the pose after the closures are solved.
     def jacobian(
         self, p: Array, joints: Array, poses: Array, approach: Array | None = None
     ) -> Array:
@@ -323,8 +311,7 @@ class ClosedChain:
     # Virtual work: at equilibrium the moment of joint i balances the weight times dz/dq_i, the
     # plate's rise by that joint's motion, dz/dq_i = -(F_y⁺ F_q)_zi. The weight itself is unknown
     # and part of the parameter: a load counts as 1 where the joint lowers the plate by 300 mm a
-    # rad, or by 1 mm a mm. That loads change by the yielding and by other parameters is left out:
-    # of a yield of 0.2 mm the change is 0.1 µm, and of derivatives 1 in 1000.
+    # rad, or by 1 mm a mm. Loads are those before the joints yield.
     def _weight_loads(self, geometry: Geometry, joints: Array, y: Array) -> Array:
         """Return the loads (N, n) of joints by the plate's weight, at poses y (N, t), level."""
         upper_ends = self.limb.upper_ends(geometry.arms, joints)
@@ -401,9 +388,12 @@ class ClosedChain:
             poses[:, 2] += geometry.sag @ sag_basis(*y[:, :3].T)
         return poses
 
+    # For one set of joints there is more than one real assembly. The wanted one hangs below its
+    # elbows, turns less than the platform's limit, and has the sign of the closures' determinant
+    # that the robot has at home. Newton's method alone ends on a wrong assembly for about one pose
+    # in a hundred.
     # 1. Solve a level plate from the pose nearby, then rows that failed from one guess after the
-    #    other, until each has the wanted assembly or no guess is left. The tilt is left out here:
-    #    three or four unknowns are fast, and it decides nothing about the assembly.
+    #    other, until each has the wanted assembly or no guess is left.
     # 2. Let joints yield to the plate's weight at the poses found.
     # 3. Solve once more from these poses, now with the yielded joints and with the tilt.
     def _assemble_chunk(
@@ -448,11 +438,8 @@ class ClosedChain:
     ) -> tuple[Array, Mask]:
         """Return the unknowns (N, k) that starts (N, k) lead to, and which rows have converged."""
         y, has_converged = start.copy(), np.zeros(len(start), dtype=bool)
-        lever_mm, task_size, active = (
-            self._lever_mm(geometry),
-            len(self.task),
-            np.arange(len(start)),
-        )
+        lever_mm, task_size = self._lever_mm(geometry), len(self.task)
+        active = np.arange(len(start))
         for _ in range(MOST_ITERATIONS):
             step, misfit_mm = self._gauss_newton_step(geometry, upper_ends[:, active], y[active])
             shift_mm = np.abs(step[:, :3]).max(axis=1)
@@ -531,8 +518,6 @@ class ClosedChain:
     # 1. joints of the goal, at first the pose wanted, by the closed form;
     # 2. one Gauss-Newton step of the forward model at these joints: the pose reached;
     # 3. goal += pose wanted - pose reached, and again from 1.
-    #
-    # The forward model needs no more than one step a round: both settle together.
     def inverse(self, p: Array, poses: Array, approach: Array | None = None) -> tuple[Array, Mask]:
         """Return the encoder readings (N, n) of poses (N, t), and which rows are solved."""
         geometry, goal = self.geometry(p), poses.copy()
@@ -580,8 +565,7 @@ class ClosedChain:
         """Return where joints are, less their offsets, at encoder readings (N, n)."""
         return transmission.true_joints(geometry.arms, joints, approach, self.phase_rate)
 
-    # Derivatives by q of the terms in `transmission`: k of the ratio, at most |a| and |b| of an
-    # eccentricity, N |c| and N |d| of a ripple, 0 of backlash; their sum bounds the whole.
+    # The sum of the terms' largest derivatives: |k|, |a|, |b|, N |c|, N |d|, and 0 of backlash.
     def steepest_error(self, p: Array) -> float:
         """Return a bound of the change of any joint's error over its motion."""
         fields = self.geometry(p).arms
@@ -610,8 +594,7 @@ def _unknowns_by_closures(by_y: Array) -> Array:
     return np.asarray(-np.linalg.solve(transposed @ by_y, transposed))
 
 
-# Rodrigues' formula to second order: R v - v = ψ × v + ½ ψ × (ψ × v). Of a Par4 with rods that
-# differ by 0.2 mm and axes tilted by 2 mrad the first order leaves 6 µm rms, the second 0.1 µm.
+# Rods that differ by 0.2 mm and axes tilted by 2 mrad: first order leaves 6 µm rms, second 0.1 µm.
 def rotation_less_identity(rotation: Array, vectors: Array) -> Array:
     """Return (R - 1) v to second order of a rotation vector: 0.01 rad over 60 mm leave 10 nm."""
     first = cross(rotation, vectors)

@@ -136,8 +136,7 @@ def feasibility(chain: ClosedChain, p: Array, limits: Limits, poses: Array) -> F
 
 
 # Margins are those of a level plate at the joints' true angles: tilts of milliradians change
-# none of them noticeably. A comparison with NaN is false, so that rows out of reach violate none
-# of these limits; `feasibility` gives them their own reason.
+# none of them noticeably. Rows out of reach are NaN, which violates none of these limits.
 def path_feasibility(
     chain: ClosedChain, p: Array, limits: Limits, joints: Array, poses: Array
 ) -> Feasibility:

@@ -242,8 +242,7 @@ class Carriage(Limb):
         return _place(fields) + along(joints + fields["joint_offset"], rail_directions(fields))
 
     # With d from the rail's zero to the forearm's lower end and b = d·e its part along the rail,
-    # |s e - d|² = L² has the roots s = b ± √(b² - |d|² + L²): a line cuts a sphere twice. The sign
-    # is chosen so that the carriage is above the plate, or farther out on a level rail.
+    # |s e - d|² = L² has the roots s = b ± √(b² - |d|² + L²): a line cuts a sphere twice.
     @override
     def inverse(self, fields: Fields, targets: Array) -> tuple[Array, Mask]:
         """Solve for the upper of the two places from which a forearm reaches, or the outer one."""
@@ -262,7 +261,7 @@ class Carriage(Limb):
     # A forearm within its swing lies in a cone about its rail's direction downward. That direction
     # is at an angle β_k from axis k, so the forearm's angle from axis k is within β_k ± swing, and
     # its cosine is largest and smallest at the ends of that interval, cut to [0, π]. The box of one
-    # arm is this added to both ends of its rail; the plate is in the boxes of all arms.
+    # arm is this added to both ends of its rail; the plate is in all of these boxes.
     @override
     def reach_mm(self, fields: Fields, joint: tuple[float, float], swing_rad: float) -> Array:
         """Return a box of what forearms within their swing reach from carriages on their rails."""

@@ -150,8 +150,7 @@ class ParameterTable:
         rate: Parameter,
     ) -> Self:
         """Make the table of a mechanism of equal arms."""
-        # The geometry comes first and arm by arm: files and controllers list it so, and a vector
-        # of the geometry alone is the beginning of the whole one. All else is ordered by field.
+        # A vector of the geometry alone is the beginning of the whole one.
         numbers = range(arms)
         of_arms = [field for field in arm_fields if field.role is Role.GEOMETRY]
         rows = [Parameter(arm, field) for arm in numbers for field in of_arms]

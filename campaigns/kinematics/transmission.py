@@ -60,8 +60,7 @@ def true_joints(
 
 
 # With the error f(q) = true(q) - q, the reading of a joint at Q solves q + f(q) = Q. Rounds of
-# q ← q - (q + f(q) - Q) shrink the error by |f'| each: below ½ by `STEEPEST_ERROR`, about 1e-3 in
-# common gears. They need no derivative and serve a whole batch at once.
+# q ← q - (q + f(q) - Q) shrink the error by |f'| each: below ½ by `STEEPEST_ERROR`.
 def encoder_readings(
     values: Mapping[str, Array], joints: Array, approach: Array | None, phase_rate: float
 ) -> Array:

@@ -11,9 +11,8 @@ identification states true? For each of N campaigns
    stated σ, and errors of positions over the workspace beside the stated ones.
 
 The robots are of the kind that the fit expects, so the statistics must be right if the mathematics
-is; robots made of single rods, which share no equation with the fit, are simulated by `dry-run`.
-Each campaign has a random generator of its own, made from seed and number: the same number gives
-the same campaign in whatever process and order it is simulated.
+is. Each campaign has a random generator of its own, made from seed and number: a number gives the
+same campaign in whatever process and order it is simulated.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -151,8 +150,7 @@ def _draw_unknowns(setup: StudySetup, model: ErrorModel, rng: np.random.Generato
 
 def _instrument_errors(model: ErrorModel, true: Array, points: Array) -> Array:
     """Return the errors (N, 3), mm, that all points of the drawn tracker have in common."""
-    # Scale, transit axis and reflector's constant: one drawn number each for the whole campaign,
-    # so no averaging over shots removes them. They move the points, not the robot.
+    # Scale, transit axis and reflector's constant: one drawn number each for the whole campaign.
     errors = np.zeros_like(points)
     for source, column in tracker_columns(points).items():
         if source in model.names:
