@@ -1,6 +1,9 @@
 """House style of pictures drawn by matplotlib, and their way into pages and files.
 
-Colours differ in grey print as well; markers say the same again. Text stays text in SVG.
+A picture must be readable in a printed certificate, on a phone, and in grey: so the colours of
+before and after differ in brightness, markers or dashes repeat what colours show, and a panel is
+small enough for two side by side on A4. In SVG text stays text, to be searched and read aloud, and
+nothing depends on chance or on the time, so that equal data give equal files.
 """
 
 import re
@@ -20,8 +23,9 @@ BEFORE, AFTER = "#c98a3d", "#1f4e79"
 WIDTH_MM = 180.0
 """Width of the text on A4."""
 PANEL_MM = (88.0, 68.0)
-"""Size of a panel: two stand side by side on A4, and one fills the width of a phone."""
+"""Width and height of a panel: two stand side by side on A4, one fills the width of a phone."""
 PANEL_AXES = (0.15, 0.15, 0.82, 0.65)
+"""Left, bottom, width and height of the axes as shares of a panel: panels in a row line up."""
 INCH_MM = 25.4
 
 rcParams.update(
@@ -56,8 +60,8 @@ rcParams.update(
         "legend.handletextpad": 0.3,
         "legend.columnspacing": 1.0,
         "legend.labelspacing": 0.3,
-        "svg.fonttype": "none",
-        "svg.hashsalt": "pkmcal",
+        "svg.fonttype": "none",  # text, not outlines of letters
+        "svg.hashsalt": "pkmcal",  # ids are random without it
     }
 )
 
@@ -77,7 +81,7 @@ def new_panel(title: str, x: str = "", y: str = "") -> Axes:
 
 
 def legend_above(axes: Axes, columns: int) -> None:
-    """Name each label once, in the room above the axes."""
+    """Draw the legend above the axes, each label once."""
     handles, labels = axes.get_legend_handles_labels()
     by_name = dict(zip(labels, handles, strict=True))
     place: Any = {"loc": "lower left", "bbox_to_anchor": (-0.1, 1.0), "ncols": columns}
@@ -85,13 +89,18 @@ def legend_above(axes: Axes, columns: int) -> None:
 
 
 def show_nothing(axes: Axes, words: str) -> None:
-    """Say in the middle of empty axes why they are empty."""
+    """Write into the middle of empty axes why they are empty."""
     axes.set(xticks=[], yticks=[])
     axes.text(0.5, 0.5, words, color=QUIET, ha="center", transform=axes.transAxes)
 
 
+# matplotlib's SVG is a file of its own; four changes make it a part of a page:
+# 1. no date and no creator, so that the same figure is the same text;
+# 2. nothing before <svg>, for an XML head may not stand inside HTML;
+# 3. ids, and the references to them, begin with `name`: a page has one space for the ids of all;
+# 4. no width and height, so that the style sheet scales it, and a title for screen readers.
 def svg_text(figure: Figure, name: str, title: str) -> str:
-    """Return a figure as an SVG element for a page; `name` keeps its ids apart from others."""
+    """Return a figure as an SVG element for a page, its ids beginning with `name`."""
     text = StringIO()
     metadata: Any = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     figure.savefig(text, format="svg", metadata=metadata, transparent=True)
@@ -104,7 +113,7 @@ def svg_text(figure: Figure, name: str, title: str) -> str:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of the file's ending; raise `WriteFailed`."""
+    """Write a figure in the format that the file's suffix names; raise `WriteFailed`."""
     try:
         figure.savefig(path, dpi=200)
     except ValueError as error:

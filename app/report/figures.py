@@ -1,4 +1,12 @@
-"""Figures of the report. Each returns its panels, which stand side by side as far as they fit."""
+"""Figures of the report. Each returns its panels, which stand side by side as far as they fit.
+
+Every panel is a picture of its own size, so the page can put two in a row on A4 and one below the
+other on a phone. What must be compared has one scale: x and y of places, and the visits before and
+after. What would vanish on a common scale has its own: errors after calibration are often ten times
+smaller than those before, so they are drawn once beside them and once alone. Before and after
+differ in colour and in fill or marker, directions in dashes and marker, so that grey print keeps
+them apart. Figures compute nothing that a table states: they draw the arrays of the evaluation.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -29,11 +37,11 @@ Results = tuple[ValidationResult | None, ValidationResult | None]
 """Validation before and after calibration."""
 COLOURS = {"before": BEFORE, "after": AFTER}
 GAP = 3
-"""Empty places between two groups of pairs."""
+"""Number of empty places between two groups of pairs."""
 NUMBERED = 2
-"""Largest errors of a group that are marked with their numbers."""
+"""Number of largest errors of a group that are marked with the pair's number."""
 ARROW_MM = 130.0
-"""Length at which the longest arrow of the workspace is drawn."""
+"""Length of the longest arrow on the scale of the axes, about an eighth of a common workspace."""
 LINE_COLOURS = {"x": AFTER, "y": BEFORE, "z": INK}
 DASHES = {"x": "-", "y": "--", "z": ":"}
 MARKERS = {"x": "o", "y": "s", "z": "^"}
@@ -43,6 +51,7 @@ TIME_UNITS = (("hours", 3600.0), ("minutes", 60.0), ("seconds", 1.0))
 
 def pair_errors(groups: Sequence[PairGroup]) -> list[Figure]:
     """Draw the error of every pair, before and after, and after alone on its own scale."""
+    # the second panel repeats the later stage alone, if both stages were measured
     stages = [s for s in STAGES if any(group.errors_mm[s] is not None for group in groups)]
     first = "before (open) and after (filled)" if len(stages) > 1 else stages[0]
     panels = []
@@ -63,7 +72,7 @@ def pair_errors(groups: Sequence[PairGroup]) -> list[Figure]:
 
 
 def _draw_errors(axes: Axes, start: int, group: PairGroup, stage: Stage, *, is_last: bool) -> None:
-    """Draw a group's errors of a stage; those of the last one after carry numbers and a label."""
+    """Draw a group's errors of a stage, with the label and numbers if the stage is the last one."""
     errors_mm = group.errors_mm[stage]
     if errors_mm is None:
         return
@@ -80,6 +89,8 @@ def _draw_errors(axes: Axes, start: int, group: PairGroup, stage: Stage, *, is_l
 
 def error_arrows(errors: PositionErrors) -> list[Figure]:
     """Draw measured minus modelled positions, from above and from the side, by stage."""
+    # Errors of 0.1 mm are invisible in a workspace of 1 m, so arrows are longer than the errors, by
+    # a factor in the title. Each stage has its own factor; both views of a stage share it.
     panels = []
     for stage, errors_mm in zip(STAGES, (errors.before_mm, errors.after_mm), strict=True):
         if errors_mm is None:
@@ -91,7 +102,7 @@ def error_arrows(errors: PositionErrors) -> list[Figure]:
             look: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.004}
             axes.quiver(*starts, *lengths, color=COLOURS[stage], **look)
             axes.plot(*starts, ".", color=QUIET, markersize=1.5)
-            axes.plot(*(starts + lengths), alpha=0.0)  # so that the axes hold the arrows' tips
+            axes.plot(*(starts + lengths), alpha=0.0)  # axes make room for lines, not for arrows
             axes.set_aspect("equal", adjustable="datalim")
             panels.append(axes)
     return _figures(panels)
@@ -99,6 +110,7 @@ def error_arrows(errors: PositionErrors) -> list[Figure]:
 
 def magnification(errors_mm: Array) -> float:
     """Return the round factor that makes the longest of vectors (N, 3) about `ARROW_MM` long."""
+    # the largest of 1, 2 and 5 times a power of ten with which no arrow is longer than ARROW_MM
     longest_mm = float(np.linalg.norm(errors_mm, axis=1).max())
     if longest_mm == 0.0:
         return 1.0
@@ -117,6 +129,9 @@ def errors_against_position(poses: Array, errors_mm: Array, fitted: Mask) -> lis
         axes.plot(
             column[~fitted], size_mm[~fitted], "D", color=AFTER, mfc="white", label="hold-out"
         )
+        # The median of each sixth of the shots, in the order of the coordinate, shows a trend that
+        # single points hide. Parts of equal number, not of equal width: no part is empty, and a
+        # median is not moved by one wrong shot.
         sixths = np.array_split(np.argsort(column), min(6, len(column)))
         medians = [(np.median(column[part]), np.median(size_mm[part])) for part in sixths]
         axes.plot(*np.transpose(medians), color=INK, label="median of each sixth")
@@ -134,6 +149,7 @@ def straightness(results: Results) -> list[Figure]:
         sizes = ", ".join(f"{a} {line.straightness.value_mm:.3f}" for a, line in lines.items())
         axes = _stage_panel(stage, f"{sizes} mm" if sizes else "", "place on the line, mm")
         axes.set_ylabel("distance from it, mm")
+        # across a commanded line along x, say, there are y and z: a curve for each of them
         for axis, line in lines.items():
             places_mm = line.along_mm - line.along_mm.mean()
             for across in (name for name in AXES if name != axis):
@@ -183,6 +199,8 @@ def _finish(axes: Axes, columns: int) -> None:
 
 def repeatability(results: Results) -> list[Figure]:
     """Draw repeated visits about their mean, from above and from the side, and their sphere."""
+    # Both stages in one panel, on one scale: the question is whether the cloud of visits changed.
+    # The axes reach a quarter beyond the larger sphere.
     stages = zip(STAGES, results, strict=True)
     visits = {stage: test for stage, r in stages if r and (test := r.repeatability)}
     reach_mm = 1.25 * (max(test.radius.value_mm for test in visits.values()) or 1.0)
@@ -207,6 +225,7 @@ def repeatability(results: Results) -> list[Figure]:
 
 def over_time(courses: Sequence[TimeSeries]) -> list[Figure]:
     """Draw the temperature of the air and the drift of the reference pose, by series."""
+    # the largest unit of which the longest series has at least three: labels of few digits
     longest_s = max(course.longest_s for course in courses)
     unit, unit_s = next((u for u in TIME_UNITS if longest_s >= 3.0 * u[1]), TIME_UNITS[-1])
     x = f"{unit} since the series' first shot"
@@ -226,18 +245,22 @@ def over_time(courses: Sequence[TimeSeries]) -> list[Figure]:
     return _figures([air, drift])
 
 
-def correlation_map(known: ParameterCovariance) -> list[Figure]:
+def correlation_map(covariance: ParameterCovariance) -> list[Figure]:
     """Draw |ρ| of every two parameters as shades of grey."""
-    std = np.sqrt(np.diag(known.array))
-    size = np.abs(known.array) / np.maximum(np.outer(std, std), np.finfo(np.float64).tiny)
-    places = np.arange(len(known.names)) + 0.5
-    letters = min(6.5, 260.0 / len(known.names))
+    # The sign of ρ depends on how two parameters are defined; its size shows whether the shots can
+    # separate them, so the scale is 0 to 1. The matrix is symmetric with ones on its diagonal: only
+    # the part below it is drawn. A parameter without variance has no correlation, hence `tiny`.
+    # Labels shrink with the number of parameters, as each has a row.
+    std = np.sqrt(np.diag(covariance.array))
+    size = np.abs(covariance.array) / np.maximum(np.outer(std, std), np.finfo(np.float64).tiny)
+    places = np.arange(len(covariance.names)) + 0.5
+    letters = min(6.5, 260.0 / len(covariance.names))
     figure = Figure(figsize=(150.0 / INCH_MM, 130.0 / INCH_MM))
     axes = figure.add_axes((0.22, 0.22, 0.65, 0.75), aspect="equal")
     shown = np.ma.masked_where(np.triu(np.ones_like(size)) > 0.0, size)
     shades = axes.pcolormesh(shown, cmap="Greys", vmin=0.0, vmax=1.0)
-    axes.set_xticks(places, known.names, rotation=90, size=letters)
-    axes.set_yticks(places, known.names, size=letters)
+    axes.set_xticks(places, covariance.names, rotation=90, size=letters)
+    axes.set_yticks(places, covariance.names, size=letters)
     axes.invert_yaxis()
     axes.grid(visible=False)
     figure.colorbar(shades, cax=figure.add_axes((0.9, 0.4, 0.02, 0.5)), label="|ρ|")

@@ -1,4 +1,15 @@
-"""Page of the report: sections of plain data, written as one HTML file that needs no network."""
+"""Page of the report: sections of plain data, written as one HTML file that needs no network.
+
+What comes in is an `Evaluation`: all that was measured, identified and decided in a campaign. Each
+function of `results.py` and `record.py` makes one section of it, tables and figures as plain data.
+A section without content is left out, and `_missing` lists what the campaign lacks, with the
+command that would bring it; so a page can be made at any time, also of an empty or broken campaign.
+The template then writes all of it into one file, style sheet and figures included: a record must
+be readable in ten years and without a network.
+
+Equal evidence and an equal time give an equal page, byte by byte. The page holds the digest of the
+journal's records, by which `pkmcal check-journal --page` recognizes pages of other journals.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,11 +31,11 @@ PACKAGE = "app.report"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Page:
-    """Page as a document, and what is on it."""
+    """Page as a document, and a list of its contents."""
 
     evaluation: Evaluation
     missing: tuple[str, ...]
-    """What is not there, and what would bring it."""
+    """Parts that the campaign lacks, each with the command that brings it."""
     figures: tuple[str, ...]
     """Names of the figures."""
     html: str
@@ -65,6 +76,7 @@ def page_of(evaluation: Evaluation, made_utc: str) -> Page:
         record.provenance_section(evaluation),
     )
     sections = [section for section in every_section if section.blocks]
+    # the next step as after `pkmcal report`: the page must not ask for the report that it is
     step = next_step(state_of(evaluation, reported=True))
     before = f"{step.before}, then " if step and step.before else ""
     missing = tuple(_missing(evaluation))
@@ -94,7 +106,7 @@ def page_of(evaluation: Evaluation, made_utc: str) -> Page:
 
 
 def _alarms(evaluation: Evaluation) -> Iterator[str]:
-    """Yield what must not be overlooked: a load without its end, a check that found a change."""
+    """Yield what must stand above the verdict: a load without an end, a check with a change."""
     evidence = evaluation.evidence
     if evidence.journal and (unended := evidence.journal.unended_load):
         yield f"{unended[0].upper()}{unended[1:]}."
@@ -103,18 +115,18 @@ def _alarms(evaluation: Evaluation) -> Iterator[str]:
 
 
 def _missing(evaluation: Evaluation) -> Iterator[str]:
-    """Yield what the page would show and the campaign does not have, and what would bring it."""
+    """Yield what the campaign lacks for a full page, with the command that brings it."""
     evidence = evaluation.evidence
-    journal, run, found = evidence.journal, evidence.run, evidence.identification
+    journal, run, identification = evidence.journal, evidence.run, evidence.identification
     if journal is None:
         yield "There is no journal: nothing was ever measured in this campaign."
     if run is None:
         yield "Nothing has been measured to identify from: `pkmcal run`, or `pkmcal import`."
     elif evaluation.errors is None or evaluation.errors.positions is None:
         yield "Too few shots of pairs to fit a frame: errors of position cannot be shown."
-    if found is None:
+    if identification is None:
         yield "Nothing has been identified yet: `pkmcal identify`."
-    elif found.covariance is None:
+    elif identification.covariance is None:
         yield "The identification states no correlations."
     command = "import" if run and run.series.started.imported else "validate"
     for stage, result in (("before", evaluation.before), ("after", evaluation.after)):
@@ -125,11 +137,16 @@ def _missing(evaluation: Evaluation) -> Iterator[str]:
     yield from record.faults(evaluation)
 
 
+# Names of robots, notes of operators and answers of devices end up in the page. Three layers keep
+# them from being more than text: every value is escaped, control characters (also those that turn
+# the direction of writing) are replaced before, and only the style sheet and matplotlib's SVG are
+# passed as markup. A name that the template uses and `render` lacks is an error, not an empty
+# place.
 def _template() -> Template:
     environment = Environment(
         loader=PackageLoader(PACKAGE, "."),
         autoescape=True,
-        finalize=_cleaned,
+        finalize=_clean,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -138,13 +155,14 @@ def _template() -> Template:
     return environment.get_template("page.html.jinja")
 
 
-def _cleaned(value: object) -> object:
-    """Return texts of devices and files without control characters; markup is ours and stays."""
+def _clean(value: object) -> object:
+    """Return a text without control characters; markup and other values as they are."""
     return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def _prose(text: str) -> Markup:
-    """Return a sentence in which `backticks` are commands."""
+    """Return a sentence as markup, with the words in `backticks` set as code."""
+    # split at backticks, every second piece stands between two of them
     pieces = printable(text).split("`")
     marked = (Markup("<code>{}</code>").format(p) if k % 2 else p for k, p in enumerate(pieces))
     return Markup("").join(marked)

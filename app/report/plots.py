@@ -1,4 +1,8 @@
-"""Picture of a plan as a file: its poses, the zones, and the predicted uncertainty."""
+"""Picture of a plan as a file: its poses, the zones, and the predicted uncertainty.
+
+The upper part shows where the shots are, from above and from the side, with the zones of the
+restricted space. The lower part shows the σ that the plan's forecast predicts for each parameter.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,9 +20,9 @@ from campaigns.planning.plans import poses_of
 from campaigns.shots.shot_sets import ShotSet
 
 POSES_MM, STD_MM = 88.0, 68.0
-"""Heights of the two parts of a plan's picture."""
+"""Heights of the two parts of a plan's picture: poses, and σ of parameters."""
 MOST_BARS = 12
-"""Parameters of each unit that are drawn, those with the largest σ."""
+"""Largest number of parameters of a unit that are drawn, those with the largest σ."""
 MARKERS: Mapping[ShotSet, tuple[str, str]] = {
     ShotSet.IDENTIFICATION: ("o", AFTER),
     ShotSet.VALIDATION: ("D", BEFORE),
@@ -32,7 +36,7 @@ def plot_plan(
     forecast: Forecast,
     space: RestrictedSpace = UNRESTRICTED,
 ) -> None:
-    """Draw a plan and its predicted uncertainty; .svg, .png or .pdf. Raise `WriteFailed`."""
+    """Draw a plan and its predicted uncertainty as .svg, .png or .pdf; raise `WriteFailed`."""
     heights = [POSES_MM, STD_MM] if forecast.std else [POSES_MM]
     figure = new_figure(sum(heights))
     parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
@@ -43,7 +47,7 @@ def plot_plan(
 
 
 def _draw_poses(figure: FigureBase, shots: Sequence[PlannedShot], space: RestrictedSpace) -> None:
-    """Draw the poses by what they are for, and the zones, from above and from the side."""
+    """Draw the poses by their purpose, and the zones, from above and from the side."""
     poses_mm = poses_of(shots)[:, :3]
     above, aside = figure.subplots(1, 2)
     reach_mm = space.plate_radius_mm + space.margin_mm
@@ -55,6 +59,7 @@ def _draw_poses(figure: FigureBase, shots: Sequence[PlannedShot], space: Restric
                 places = poses_mm[rows][:, [0, side]].T
                 axes.plot(*places, marker, color=colour, label=purpose.value)
         axes.set(xlabel="x, mm", ylabel=f"{'xyz'[side]}, mm", title=view)
+        # the shots give the scale: zones may be much larger or endless, and are cut at the edge
         axes.autoscale(enable=False)
         for zone in space.zones:
             _draw_zone(axes, zone, side)
@@ -65,12 +70,12 @@ def _draw_poses(figure: FigureBase, shots: Sequence[PlannedShot], space: Restric
 
 
 def _draw_zone(axes: Axes, zone: Zone, side: int) -> None:
-    """Draw a zone to keep out of filled, one to keep in dashed; it may go on beyond the axes."""
-    ends_mm = np.array([*zone.footprint.bounds_mm(), zone.z_mm])[[0, side]]
-    if not np.isfinite(ends_mm).any():
-        return
-    ends_mm = np.clip(ends_mm, -1e6, 1e6)
-    patch: Patch = Rectangle(tuple(ends_mm[:, 0]), *np.ptp(ends_mm, axis=1))
+    """Draw a zone to keep out of filled, a zone to keep in dashed."""
+    bounds_mm = np.array([*zone.footprint.bounds_mm(), zone.z_mm])[[0, side]]
+    if not np.isfinite(bounds_mm).any():
+        return  # this view does not show the zone's walls
+    bounds_mm = np.clip(bounds_mm, -1e6, 1e6)  # an endless side ends a kilometre away
+    patch: Patch = Rectangle(tuple(bounds_mm[:, 0]), *np.ptp(bounds_mm, axis=1))
     if side == 1 and isinstance(zone.footprint, Disc):
         patch = Circle(zone.footprint.centre_mm, zone.footprint.radius_mm)
     if zone.keeps_in:
@@ -82,6 +87,7 @@ def _draw_zone(axes: Axes, zone: Zone, side: int) -> None:
 
 def _draw_std(figure: FigureBase, forecast: Forecast) -> None:
     """Draw the largest σ of each unit as bars, each unit with an axis of its own."""
+    # mm, deg and ppm have no common scale; the width of a panel follows its number of bars
     by_unit: dict[str, dict[str, float]] = {}
     for name, std in sorted(forecast.std.items(), key=lambda row: -row[1]):
         values = by_unit.setdefault(forecast.units[name], {})

@@ -1,4 +1,11 @@
-"""Sections of the page for the record: item, tracker, incidents, instruments, versions, digests."""
+"""Sections of the page for the record: item, tracker, incidents, instruments, versions, digests.
+
+These sections say what was measured, by whom, with which instruments, and what went wrong. Facts of
+devices come from the journal, where the devices stated them; facts that no device states come from
+campaign.yaml. A page becomes a certificate if campaign.yaml asks for one and nothing is missing
+(`certificate_lacks`). Traceability to the SI metre is stated only by a real tracker's certificate
+that was valid for the last shot. Digests tie the page to the journal, the plan and the geometry.
+"""
 
 from collections.abc import Iterator
 from datetime import datetime
@@ -66,6 +73,7 @@ def facts(evaluation: Evaluation) -> Iterator[Row]:
     """Yield name and text of each fact; the text is empty where campaign.yaml does not state it."""
     evidence = evaluation.evidence
     config, certificate = evidence.campaign.config, evidence.campaign.config.certificate
+    # the latest series counts in which a device stated who it is: imported series have no devices
     started = [s.started for s in reversed(evidence.journal.series)] if evidence.journal else []
     robot = next((start.robot for start in started if start.robot), "")
     tracker = next((start.tracker for start in started if start.tracker), "")
@@ -89,17 +97,19 @@ def _reflector(evidence: Evidence) -> str:
     return f"{config.tracker.reflector} {config.instruments.reflector_serial}".strip()
 
 
-def _method(found: RecordedIdentification) -> str:
-    fitted, held_out = found.fitted, found.unseen
-    shots = f"{len(fitted.numbers)} {fitted.of}" if fitted else f"{found.shots} shots"
+def _method(identification: RecordedIdentification) -> str:
+    fitted, held_out = identification.fitted, identification.unseen
+    shots = f"{len(fitted.numbers)} {fitted.of}" if fitted else f"{identification.shots} shots"
     proof = f", validated on {len(held_out.numbers)} pairs that were not fitted" if held_out else ""
-    return (
-        f"identification of {len(found.free)} parameters from {shots} (model {found.model}){proof}"
-    )
+    parameters = f"{len(identification.free)} parameters"
+    return f"identification of {parameters} from {shots} (model {identification.model}){proof}"
 
 
 def certificate_lacks(evaluation: Evaluation) -> list[str] | None:
     """Return what keeps the page from being a certificate; None if campaign.yaml asks for none."""
+    # Any of number, customer and laboratory asks for a certificate. It needs all facts that
+    # identify item, place and people, a validation after calibration, and lengths that are
+    # traceable.
     evidence, config = evaluation.evidence, evaluation.evidence.campaign.config
     certificate = config.certificate
     if not (certificate.number or certificate.customer or certificate.laboratory):
@@ -124,7 +134,7 @@ def certificate_lacks(evaluation: Evaluation) -> list[str] | None:
 
 
 def traceability(evidence: Evidence) -> str:
-    """Return the sentence on traceability, which only a real tracker with a certificate has."""
+    """Return the sentence on traceability; empty if lengths are not traceable."""
     if why_untraceable(evidence):
         return ""
     stated = _tracker_certificate(evidence.campaign.config.certificate)
@@ -141,6 +151,7 @@ def why_untraceable(evidence: Evidence) -> str:
             "number, laboratory and last day of the tracker's certificate are not all stated "
             "(`certificate.tracker` in campaign.yaml)"
         )
+    # the last shot counts: a certificate that expired during the work covers only a part of it
     if tracker.expires < datetime.fromisoformat(times[-1]).date():
         return (
             f"the tracker's certificate expired on {tracker.expires}, before the last shot was "
@@ -150,7 +161,7 @@ def why_untraceable(evidence: Evidence) -> str:
 
 
 def faults(evaluation: Evaluation) -> Iterator[str]:
-    """Yield what a certificate lacks, files not readable, sessions without an end."""
+    """Yield what a certificate lacks, unreadable files, and sessions without an end."""
     evidence = evaluation.evidence
     if lacks := certificate_lacks(evaluation):
         yield f"As a calibration certificate this report lacks {'; '.join(lacks)}."
@@ -168,14 +179,14 @@ def faults(evaluation: Evaluation) -> Iterator[str]:
 
 
 def _tracker_certificate(certificate: CertificateConfig) -> str:
-    own = certificate.tracker
-    dated = f"of {own.issued}" if own.issued else ""
-    until = f"valid until {own.expires}" if own.expires else ""
-    return ", ".join(filter(None, (f"{own.number} {dated}".strip(), own.laboratory, until)))
+    tracker = certificate.tracker
+    dated = f"of {tracker.issued}" if tracker.issued else ""
+    until = f"valid until {tracker.expires}" if tracker.expires else ""
+    return ", ".join(filter(None, (f"{tracker.number} {dated}".strip(), tracker.laboratory, until)))
 
 
 def _times_utc(evidence: Evidence) -> list[str]:
-    """Return the times of all shots in their order."""
+    """Return the times of all shots, the earliest first."""
     journal = evidence.journal
     return sorted(s.measured_utc for row in (journal.series if journal else ()) for s in row.shots)
 
@@ -183,7 +194,7 @@ def _times_utc(evidence: Evidence) -> list[str]:
 def tracker_section(evaluation: Evaluation) -> Section:
     """Return the section on tracker, drift and temperature."""
     section = Section("tracker", "Tracker, drift, temperature")
-    evidence, found = evaluation.evidence, evaluation.evidence.identification
+    evidence, identification = evaluation.evidence, evaluation.evidence.identification
     incidents = evidence.journal.incidents if evidence.journal else ()
     rejected = [i.record.reason for i in incidents if isinstance(i.record, Rejected)]
     stated = [(name, series.shots) for name, series in evidence.by_stage()]
@@ -197,13 +208,13 @@ def tracker_section(evaluation: Evaluation) -> Section:
         "u: the tracker's statement, 1 σ in the worst direction. Shots lost with the beam: "
         f"{sum(reason.startswith('beam broken') for reason in rejected)}.",
     )
-    if found is not None:
+    if identification is not None:
         title = "Errors of the tracker, as identified"
-        section.table(title, tables.TRACKER_ERRORS, found.tracker.items())
+        section.table(title, tables.TRACKER_ERRORS, identification.tracker.items())
         section.table(
             "Robot's base in the tracker's frame",
             FRAMES,
-            _frames(found),
+            _frames(identification),
             "Translation, and the angles of the transform from base to tracker: rotations about z, "
             "y and x.",
         )
@@ -222,13 +233,13 @@ def tracker_section(evaluation: Evaluation) -> Section:
     return section
 
 
-def _frames(found: RecordedIdentification) -> list[tuple[str, Frame]]:
-    """Return the fitted frames and the shots of each, a row for each session that has its own."""
-    if not found.sessions:
-        return [("all", found.frame)] if found.frame else []
+def _frames(identification: RecordedIdentification) -> list[tuple[str, Frame]]:
+    """Return the fitted frames and the shots of each, one row for each session with a frame."""
+    if not identification.sessions:
+        return [("all", identification.frame)] if identification.frame else []
     return [
         (f"{min(session.shots)} to {max(session.shots)}", session.frame)
-        for session in found.sessions
+        for session in identification.sessions
         if session.frame
     ]
 
@@ -236,9 +247,9 @@ def _frames(found: RecordedIdentification) -> list[tuple[str, Frame]]:
 def incidents_section(evaluation: Evaluation) -> Section:
     """Return the section on excluded shots and events."""
     section = Section("incidents", "Excluded shots and events")
-    journal, found = evaluation.evidence.journal, evaluation.evidence.identification
-    if found is not None and found.excluded:
-        excluded = [(row.what, row.reason) for row in found.excluded]
+    journal, identification = evaluation.evidence.journal, evaluation.evidence.identification
+    if identification is not None and identification.excluded:
+        excluded = [(row.what, row.reason) for row in identification.excluded]
         section.table("Left out of the identification", by_place("", "reason"), excluded)
     else:
         section.note("The identification left out no shot and no pair.")
@@ -296,7 +307,8 @@ def _files_of(started: SeriesStarted) -> list[tuple[str, str]]:
 
 
 def _instruments(evidence: Evidence, journal: JournalFacts) -> Iterator[Row]:
-    """Yield instruments and air: what, series, which; each once, with all its series."""
+    """Yield instruments and air: name, series, text; each text once, with all its series."""
+    # A campaign of ten series with one tracker has one row; a second serial number shows at once.
     seen: dict[tuple[str, str], list[str]] = {}
     for series in journal.series:
         started, air = series.started, series.started.weather
@@ -315,11 +327,15 @@ def _instruments(evidence: Evidence, journal: JournalFacts) -> Iterator[Row]:
 
 
 def _digests(evidence: Evidence, journal: JournalFacts) -> Iterator[Row]:
-    """Yield digests: of what, sha256."""
-    run, found = evidence.run, evidence.identification
+    """Yield digests as name and sha256."""
+    # the journal has two: as it is now, and as it was when the identification read it
+    run, identification = evidence.run, evidence.identification
     yield f"journal, all {journal.records} records", journal.digest
-    if found is not None:
-        yield f"journal, first {found.journal_records} records", found.journal_digest
+    if identification is not None:
+        yield (
+            f"journal, first {identification.journal_records} records",
+            identification.journal_digest,
+        )
     if run is not None:
         started = run.series.started
         of = "imported shots, as shots.csv" if started.stage == "import" else "plan as measured"

@@ -1,4 +1,9 @@
-"""Sections of the page on results: limits, before and after, workspace, tests, the model."""
+"""Sections of the page on results: limits, before and after, workspace, tests, the model.
+
+A section's function adds what the evaluation has and leaves out the remaining blocks: the tables
+drop themselves when they have no rows. Notes below tables say what U, n and each figure mean, so
+that a page can be read without this software's documentation.
+"""
 
 from itertools import zip_longest
 
@@ -46,9 +51,9 @@ def gain_section(evaluation: Evaluation) -> Section:
     for name, stage in (("Before", evaluation.before), ("After", evaluation.after)):
         if stage is not None and stage.series_in_words:
             section.note(f"{name}: {stage.series_in_words}.")
-    found = evaluation.evidence.identification
-    if found is not None and found.hold_out is not None:
-        section.text(f"hold-out test: {tables.hold_out_in_words(found.hold_out)}")
+    identification = evaluation.evidence.identification
+    if identification is not None and identification.hold_out is not None:
+        section.text(f"hold-out test: {tables.hold_out_in_words(identification.hold_out)}")
     if pairs := tables.pair_groups(evaluation):
         section.figure(
             "pair-errors",
@@ -113,6 +118,7 @@ def motion_tests_section(evaluation: Evaluation) -> Section:
             "Visits of one pose from different directions, about their mean, with the smallest "
             "sphere about it that holds all.",
         )
+    # both stages form the same figures in the same order; a stage that was not measured has none
     old, new = (iso_rows(stage) if stage else () for stage in results)
     section.table(
         "ISO 9283, before and after calibration",
@@ -135,33 +141,33 @@ def motion_tests_section(evaluation: Evaluation) -> Section:
 def parameters_section(evaluation: Evaluation) -> Section:
     """Return the section on the findings of the identification, parameters and correlations."""
     section = Section("parameters", "Findings and parameters")
-    found = evaluation.evidence.identification
-    if found is None:
+    identification = evaluation.evidence.identification
+    if identification is None:
         return section
-    section.text(*tables.in_words(found))
-    if not found.findings:
+    section.text(*tables.in_words(identification))
+    if not identification.findings:
         section.note("The identification has no findings.")
     section.table(
         "Findings of the identification",
         tables.FINDINGS,
-        found.findings,
+        identification.findings,
         "Accepted: somebody took the result with it (`--force`).",
     )
     table = evaluation.evidence.campaign.robot.mechanism.parameters
     section.table(
         "Parameters old and new",
         tables.parameters(table),
-        found.parameters.items(),
+        identification.parameters.items(),
         "σ: one standard deviation. Within U: |Δ| is not larger than U = 2 σ, so no change is "
         "shown. Held: not fitted, kept at nominal.",
     )
     section.table(
         "Determined by no shot, and kept at nominal",
         [words("parameter, or combination of parameters", ", ".join)],
-        found.undetermined,
+        identification.undetermined,
     )
-    if found.covariance is not None:
-        geometry = _of_geometry(found.covariance, table)
+    if identification.covariance is not None:
+        geometry = _of_geometry(identification.covariance, table)
         section.table("Strongest correlations", tables.CORRELATIONS, geometry.strongest(8))
         section.figure(
             "correlations",
@@ -172,30 +178,31 @@ def parameters_section(evaluation: Evaluation) -> Section:
     return section
 
 
-def _of_geometry(known: ParameterCovariance, table: ParameterTable) -> ParameterCovariance:
+def _of_geometry(covariance: ParameterCovariance, table: ParameterTable) -> ParameterCovariance:
     """Return the covariance of the parameters that every robot file has."""
-    places = [place for place, name in enumerate(known.names) if name in table.names]
-    names = tuple(known.names[place] for place in places)
-    rows = tuple(tuple(known.matrix[row][column] for column in places) for row in places)
+    # without the many of imperfect parts and drives, whose names would not be legible in the figure
+    places = [place for place, name in enumerate(covariance.names) if name in table.names]
+    names = tuple(covariance.names[place] for place in places)
+    rows = tuple(tuple(covariance.matrix[row][column] for column in places) for row in places)
     return ParameterCovariance(names, rows)
 
 
 def budget_section(evaluation: Evaluation) -> Section:
     """Return the section on the uncertainty of positions."""
     section = Section("budget", "Uncertainty of positions")
-    found: IdentificationResult | None = evaluation.evidence.identification
-    if found is None or not found.budget:
+    identification: IdentificationResult | None = evaluation.evidence.identification
+    if identification is None or not identification.budget:
         return section
     section.table(
         "Uncertainty budget of positions",
         tables.BUDGET,
-        tables.budget_rows(found),
+        tables.budget_rows(identification),
         "1 σ of a position by the identified parameters, rms over the workspace. Type A: estimated "
         "from the scatter of these shots; B: stated or known before. The rows add up in squares to "
         "the combined σ.",
     )
     section.text(
-        *tables.positions_in_words(found),
+        *tables.positions_in_words(identification),
         "U of a position is 2 σ of this table, of a point by the identified model; U of a distance "
         "in the tables of limits is that of the tracker between two measured points",
     )

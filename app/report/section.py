@@ -22,13 +22,13 @@ class Block:
     """Paragraph, caption of a figure or note below a table; `backticks` are commands."""
     title: str = ""
     name: str = ""
-    """Of a figure."""
+    """Name of a figure, its id on the page."""
     panels: tuple[Markup, ...] = ()
-    """Of a figure: SVG elements."""
+    """SVG elements of a figure."""
     columns: Sequence[Column[Any]] = ()
-    """Of a table."""
+    """Columns of a table."""
     rows: tuple[Row, ...] = ()
-    """Of a table or a list of facts."""
+    """Rows of a table or a list of facts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +49,9 @@ class Section:
 
     def figure(self, name: str, title: str, panels: Iterable[Figure], caption: str) -> None:
         """Draw a figure and add it."""
-        drawn = (svg_text(panel, f"{name}-{n}", title) for n, panel in enumerate(panels, start=1))
+        svgs = (svg_text(panel, f"{name}-{n}", title) for n, panel in enumerate(panels, start=1))
         # matplotlib escapes the texts of its SVG
-        marked = tuple(Markup(svg) for svg in drawn)  # noqa: S704
+        marked = tuple(Markup(svg) for svg in svgs)  # noqa: S704
         figure = Block(form="figure", name=name, title=title, panels=marked, text=caption)
         self.blocks.append(figure)
 

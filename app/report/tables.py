@@ -1,4 +1,9 @@
-"""Tables and sentences on results, alike on the terminal and on the page. No matplotlib here."""
+"""Tables and sentences on results, used by terminal and page, so that both state equal figures.
+
+A table is a tuple of columns with head, unit and decimals; sentences are generators of texts
+without capital and full stop, for each output adds its own. matplotlib is not imported here,
+because commands that print tables must start quickly.
+"""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -59,7 +64,7 @@ GAINS: tuple[Column[Gain], ...] = (
     Column("U", lambda gain: gain.expanded_uncertainty_mm, "mm"),
 )
 IsoRows = tuple[IsoRow | None, IsoRow | None]
-"""Figure of ISO 9283 before and after; at least one of them was formed."""
+"""A figure of ISO 9283 before and after; at least one of the two is not None."""
 ISO: tuple[Column[IsoRows], ...] = (
     words("figure", lambda both: _latest(both).name),
     Column("n", lambda both: _latest(both).n),
@@ -82,7 +87,7 @@ CUBE: tuple[Column[tuple[str, str, RepeatabilityTest]], ...] = (
     Column("RP", lambda row: row[2].rp.value_mm, "mm"),
     Column("U", lambda row: _expanded(row[2].rp), "mm"),
 )
-"""Figures of ISO 9283, pose by pose: stage, name, visits."""
+"""Columns of ISO 9283's figures, pose by pose; rows are stage, name of the pose, visits."""
 
 Named = tuple[str, IdentifiedParameter]
 VALUES: tuple[Column[Named], ...] = (
@@ -123,7 +128,7 @@ class PairGroup:
     marker: str
     errors_mm: Mapping[Stage, Array | None]
     numbers: tuple[int, ...] = ()
-    """Numbers of the pairs; empty if the stages have different ones."""
+    """Numbers of the pairs; empty if the two stages measured different pairs."""
 
     def __len__(self) -> int:
         return max(len(errors) for errors in self.errors_mm.values() if errors is not None)
@@ -131,6 +136,10 @@ class PairGroup:
 
 def pair_groups(evaluation: Evaluation) -> list[PairGroup]:
     """Return fitted and hold-out pairs by the models, and the pairs that were commanded."""
+    # 1. Fitted and hold-out pairs: the distance that the model gives at the measured joint angles.
+    #    Before and after differ by the model alone, and both come from one series of shots.
+    # 2. Commanded pairs: what the controller reached by itself. Before and after are two series,
+    #    which need not have the same pairs.
     errors = evaluation.errors
     modelled = (
         ("fitted pairs", "o", errors.fitted if errors else None),
@@ -178,7 +187,7 @@ def key_figure_rows(evaluation: Evaluation) -> list[Row]:
     names = ("distances, mean error", "distances, largest error", "rotation")
     chosen = [gain for gain in evaluation.gains if gain.name in names]
     lines = [gain for gain in evaluation.gains if gain.name.startswith("straightness")]
-    chosen += sorted(lines, key=_largest_mm)[-1:]
+    chosen += sorted(lines, key=_largest_mm)[-1:]  # of three lines the worst
     return [
         (
             gain.name,
@@ -208,10 +217,10 @@ def _figure(row: IsoRow | None) -> MeasuredLength | None:
 
 
 def change(gain: Gain) -> str:
-    """Return the factor of a change in two digits, unless the difference is within its U.
-
-    Where U is not smaller than the smaller value, only a lower bound of the factor is known.
-    """
+    """Return the factor of a change in two digits, unless the difference is within its U."""
+    # The factor is larger value / smaller value. If U reaches the smaller value, this value could
+    # be 0 and the factor any number; what the data support is the bound larger / (smaller + U). The
+    # bound is cut to two digits and not rounded, so that it stays a bound.
     if gain.before is None or gain.after is None:
         return NOTHING
     if not gain.shown:
@@ -227,7 +236,7 @@ def change(gain: Gain) -> str:
 
 
 def _latest(both: IsoRows) -> IsoRow:
-    """Return the stage whose n and test are stated: after, if it was measured there."""
+    """Return the row whose n and test are stated: after calibration, if its figure was measured."""
     before, after = both
     if after and (after.figure or before is None):
         return after
@@ -264,17 +273,18 @@ def _consequence(finding: Finding) -> str:
     return "reported only" if finding.decision is None else f"verdict: {finding.decision}"
 
 
-def budget_rows(found: IdentificationResult) -> list[tuple[str, str, float]]:
+def budget_rows(identification: IdentificationResult) -> list[tuple[str, str, float]]:
     """Return source, type and 1 σ of positions, the largest first, and their combination."""
-    shares = sorted(found.budget, key=lambda share: -share.mm)
+    # the shares are independent, so they add up in squares (GUM 5.1.2)
+    shares = sorted(identification.budget, key=lambda share: -share.mm)
     combined = math.sqrt(sum(share.mm**2 for share in shares))
     rows = [(share.words, share.kind, share.mm) for share in shares]
     return [*rows, ("combined", "", combined)]
 
 
-def positions_in_words(found: IdentificationResult) -> Iterator[str]:
+def positions_in_words(identification: IdentificationResult) -> Iterator[str]:
     """Yield the uncertainty of positions and the region that it is valid for."""
-    std = found.position_std_mm
+    std = identification.position_std_mm
     if std is not None:
         says = (
             f"predicted σ of positions over the workspace: {std.mean:.4f} mm on average, "
@@ -283,12 +293,12 @@ def positions_in_words(found: IdentificationResult) -> Iterator[str]:
         if std.left_out:
             says += f", without {std.left_out} of its poses, which this robot cannot take"
         yield says
-    if found.region is not None:
-        yield found.region.says
+    if identification.region is not None:
+        yield identification.region.says
 
 
 def hold_out_in_words(test: HoldOut) -> str:
-    """Return what the test of hold-out pairs showed."""
+    """Return the result of the hold-out test in words, with its statistic, p and α."""
     verdict = "agrees with" if test.believable else "contradicts"
     return (
         f"{test.pairs} hold-out pairs are {test.ratio:.2f} times as far off as their σ predict "
@@ -296,12 +306,12 @@ def hold_out_in_words(test: HoldOut) -> str:
     )
 
 
-def undetermined_in_words(found: IdentificationResult) -> Iterator[str]:
-    """Yield which parameters no shot determines, and how many combinations of others."""
-    alone = [names[0] for names in found.undetermined if len(names) == 1]
+def undetermined_in_words(identification: IdentificationResult) -> Iterator[str]:
+    """Yield which single parameters no shot determines, and how many combinations of several."""
+    alone = [names[0] for names in identification.undetermined if len(names) == 1]
     if alone:
         yield f"no shot determines {', '.join(alone)}: kept at nominal"
-    together = len(found.undetermined) - len(alone)
+    together = len(identification.undetermined) - len(alone)
     if together:
         yield (
             f"no shot determines {together} combinations of parameters, such as motions of the "
@@ -309,19 +319,20 @@ def undetermined_in_words(found: IdentificationResult) -> Iterator[str]:
         )
 
 
-def in_words(found: RecordedIdentification) -> Iterator[str]:
-    """Yield sentences on model, noise and origin, without capitals and full stops."""
-    settled = "settled" if found.converged else "did not settle"
-    yield f"model {found.model}: the fit {settled} after {found.iterations} rounds"
-    if found.scatter is not None:
-        yield found.scatter.says
-    if found.reference_degC is not None:
-        yield f"parameters are those at {found.reference_degC:g} °C"
-    if found.pedigree is not None:
-        before_mm = found.pedigree.position_std_before_mm
+def in_words(identification: RecordedIdentification) -> Iterator[str]:
+    """Yield sentences on model, scatter, reference temperature and origin."""
+    settled = "settled" if identification.converged else "did not settle"
+    rounds = f"the fit {settled} after {identification.iterations} rounds"
+    yield f"model {identification.model}: {rounds}"
+    if identification.scatter is not None:
+        yield identification.scatter.says
+    if identification.reference_degC is not None:
+        yield f"parameters are those at {identification.reference_degC:g} °C"
+    if (pedigree := identification.pedigree) is not None:
+        before_mm = pedigree.position_std_before_mm
         before = "" if before_mm is None else f"; σ of positions was {before_mm:.4f} mm on average"
-        series = ", ".join(map(str, found.pedigree.series))
+        series = ", ".join(map(str, pedigree.series))
         yield (
-            f"made of the set {found.pedigree.updates[:12]} by {found.pedigree.shots} shots of a "
+            f"made of the set {pedigree.updates[:12]} by {pedigree.shots} shots of a "
             f"check (series {series}){before}"
         )

@@ -1,4 +1,8 @@
-"""Results of an identification and of a validation on the terminal, and as a document."""
+"""Results of an identification and of a validation on the terminal, and as a document.
+
+Both go from figures to the decision: tables first, then what was left out and what was noticed, and
+the verdict last, where it stays on the screen. `--json` has the same figures by stable names.
+"""
 
 from collections.abc import Iterator
 
@@ -28,51 +32,55 @@ ERRORS: tuple[Column[tuple[str, BeforeAfter]], ...] = (
 
 
 def show_identification(
-    terminal: Terminal, found: RecordedIdentification, table: ParameterTable
+    terminal: Terminal, identification: RecordedIdentification, table: ParameterTable
 ) -> None:
-    """Show parameters, errors, budget, findings, and the verdict last.
-
-    Of imperfect parts and drives only those that differ from nominal beyond U are listed.
-    """
-    free = [(name, found.parameters[name]) for name in found.free]
+    """Show parameters, errors, budget, findings, and the verdict last."""
+    # The full model has dozens of parameters of imperfect parts and drives. Those within U of
+    # nominal are only counted.
+    free = [(name, identification.parameters[name]) for name in identification.free]
     listed = [(name, p) for name, p in free if name in table.names or tables.is_shown(p)]
     terminal.rows("Parameters (mm, deg, ppm)", COLUMNS, listed)
     if others := len(free) - len(listed):
         terminal.say(f"{others} parameters of imperfect parts and drives are within U of nominal")
-    of_pairs = found.fitted is not None and found.fitted.of == "pairs"
+    of_pairs = identification.fitted is not None and identification.fitted.of == "pairs"
     fitted = "distances of fitted pairs" if of_pairs else "positions of fitted shots"
-    errors = {fitted: found.residuals_mm, "distances of hold-out pairs": found.unseen_mm}
+    errors = {
+        fitted: identification.residuals_mm,
+        "distances of hold-out pairs": identification.unseen_mm,
+    }
     rows = [(name, sizes) for name, sizes in errors.items() if sizes is not None]
     terminal.rows("Errors (mm)", ERRORS, rows)
-    if found.budget:
+    if identification.budget:
         title = "Uncertainty of positions, 1 σ, rms over the workspace"
-        terminal.rows(title, tables.BUDGET, tables.budget_rows(found))
-    if found.tracker:
-        terminal.rows("Errors of the tracker", tables.TRACKER_ERRORS, found.tracker.items())
-    for line in _sentences(found):
-        if line not in found.reasons:
+        terminal.rows(title, tables.BUDGET, tables.budget_rows(identification))
+    if identification.tracker:
+        terminal.rows(
+            "Errors of the tracker", tables.TRACKER_ERRORS, identification.tracker.items()
+        )
+    for line in _sentences(identification):
+        if line not in identification.reasons:  # reasons stand below the verdict
             terminal.say(line)
-    for excluded in found.excluded:
+    for excluded in identification.excluded:
         terminal.say(f"left out: {excluded.what}: {excluded.reason}", WARNING)
-    for finding in found.findings:
+    for finding in identification.findings:
         if not finding.affects_verdict:
             terminal.say(f"{finding.says}{' (accepted)' if finding.accepted else ''}", WARNING)
-    terminal.say(f"verdict: {found.verdict}", DECISIONS[found.verdict])
-    for reason in found.reasons:
+    terminal.say(f"verdict: {identification.verdict}", DECISIONS[identification.verdict])
+    for reason in identification.reasons:
         terminal.say(f"  {reason}")
 
 
-def _sentences(found: RecordedIdentification) -> Iterator[str]:
-    yield from tables.in_words(found)
-    if found.hold_out is not None:
-        yield tables.hold_out_in_words(found.hold_out)
-    yield from tables.positions_in_words(found)
-    yield from tables.undetermined_in_words(found)
+def _sentences(identification: RecordedIdentification) -> Iterator[str]:
+    yield from tables.in_words(identification)
+    if identification.hold_out is not None:
+        yield tables.hold_out_in_words(identification.hold_out)
+    yield from tables.positions_in_words(identification)
+    yield from tables.undetermined_in_words(identification)
 
 
-def validation_answer(found: Validated) -> dict[str, object]:
+def validation_answer(validated: Validated) -> dict[str, object]:
     """Return a validation's result for programs: each test's figures, and what was decided."""
-    verdict, whole = found.verdict, found.campaign_verdict
+    verdict, whole = validated.verdict, validated.campaign_verdict
     requirements = [
         {
             "name": requirement.name,
@@ -84,31 +92,32 @@ def validation_answer(found: Validated) -> dict[str, object]:
         for requirement in verdict.requirements
     ]
     answer: dict[str, object] = {
-        "series": dict(found.stage_result.series),
+        "series": dict(validated.stage_result.series),
         "decision": verdict.decision,
         "reasons": verdict.reasons,
-        "held": found.evaluation.evidence.held(found.stage),
+        "held": validated.evaluation.evidence.held(validated.stage),
         "campaign": None,  # before calibration
         "requirements": requirements,
     }
     if whole is not None:
         decision = whole.decision
         answer["campaign"] = {"decision": decision, "answer": decision, "reasons": whole.reasons}
-    return found.result.document() | answer
+    return validated.result.document() | answer
 
 
-def show_validation(terminal: Terminal, found: Validated, campaign: Campaign) -> None:
+def show_validation(terminal: Terminal, validated: Validated, campaign: Campaign) -> None:
     """Show the results, for people and programs, and what is next; raise `Exit` unless good."""
-    _show(terminal, found)
-    if found.stage == "after" and found.evaluation.before is not None:
-        show_gain(terminal, found.evaluation)
-    is_good = found.verdict.decision in {NO_LIMIT, "pass"} and found.differing_verdict is None
-    terminal.conclude(validation_answer(found), tell_next(terminal, campaign), is_good=is_good)
+    _show(terminal, validated)
+    if validated.stage == "after" and validated.evaluation.before is not None:
+        show_gain(terminal, validated.evaluation)
+    has_passed = validated.verdict.decision in {NO_LIMIT, "pass"}
+    is_good = has_passed and validated.differing_verdict is None
+    terminal.conclude(validation_answer(validated), tell_next(terminal, campaign), is_good=is_good)
 
 
-def _show(terminal: Terminal, found: Validated) -> None:
+def _show(terminal: Terminal, validated: Validated) -> None:
     """Show every figure with its uncertainty, and what was decided."""
-    stage, result, verdict = found.stage, found.stage_result, found.verdict
+    stage, result, verdict = validated.stage, validated.stage_result, validated.verdict
     columns = tables.limits("")
     rows = texts(columns, verdict.requirements)
     further = result.further_figures_mm().items()
@@ -119,7 +128,7 @@ def _show(terminal: Terminal, found: Validated) -> None:
         terminal.rows("ISO 9283, pose by pose (mm)", shown, cube_poses(**{stage: result}))
         terminal.say(f"AP: {cube_frame(result)}; U: k = 2")
     _show_series(terminal, stage, result)
-    held = found.evaluation.evidence.held(stage)
+    held = validated.evaluation.evidence.held(stage)
     if held is not None and (held.form or held.declared or held.kind == "other"):
         terminal.say(f"the controller held {held.says}")
     # limits are for the calibrated robot
@@ -128,22 +137,22 @@ def _show(terminal: Terminal, found: Validated) -> None:
         says, style = "not good", DECISIONS[verdict.decision]
     for reason in verdict.reasons:
         terminal.say(f"{says}: {reason}", style)
-    if verdict.decision == "pass" and found.differing_verdict is None:
+    if verdict.decision == "pass" and validated.differing_verdict is None:
         terminal.say("good: all specified limits are met, measurement uncertainty included", GOOD)
-    campaign = found.campaign_verdict
+    campaign = validated.campaign_verdict
     if campaign is not None and campaign.decision not in {verdict.decision} - {NO_LIMIT}:
         terminal.say(f"the campaign as a whole: {campaign.says}", DECISIONS[campaign.decision])
 
 
-def show_gain(terminal: Terminal, found: Evaluation) -> None:
+def show_gain(terminal: Terminal, evaluation: Evaluation) -> None:
     """Show before and after side by side; U (k = 2) is that of the difference."""
-    rows = texts(tables.GAINS, found.gains)
-    if found.before is not None and found.after is not None:
-        old, new = found.before.further_figures_mm(), found.after.further_figures_mm()
+    rows = texts(tables.GAINS, evaluation.gains)
+    if evaluation.before is not None and evaluation.after is not None:
+        old, new = evaluation.before.further_figures_mm(), evaluation.after.further_figures_mm()
         further = ((name, number(old[name]), number(value)) for name, value in new.items())
         rows += tuple((*both, "", NOTHING) for both in further)
     terminal.table("Gain (mm; U of the difference)", [column.head for column in tables.GAINS], rows)
-    for stage, result in (("before", found.before), ("after", found.after)):
+    for stage, result in (("before", evaluation.before), ("after", evaluation.after)):
         _show_series(terminal, stage, result)
 
 
