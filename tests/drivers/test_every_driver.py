@@ -76,13 +76,16 @@ def test_silence_closes_the_wire_until_it_is_opened_anew(far):
     assert far.device.state()
 
 
-def test_another_device_after_a_reconnection_is_the_wrong_device(far):
+def test_another_device_after_a_reconnection_is_refused_and_the_first_known_again(far):
     far = connected(far)
     identity = far.device.identity()
     far.is_another()
     with pytest.raises(WrongDevice, match=rf"4711.*it was.*{identity.serial}"):
         far.device.reconnect()
     assert far.end.pipes[-1].is_closed
+    far.is_another(False)
+    far.device.reconnect()
+    assert far.device.state()
 
 
 def test_wish_to_stop_abandons_a_question_and_closes_the_wire(far):
@@ -111,13 +114,3 @@ def test_interrupted_greeting_leaves_no_connection_open(far):
         far.device.connect()
     assert all(pipe.is_closed for pipe in far.end.pipes)
     assert far.end.pipes
-
-
-def test_first_device_is_known_again_after_another_one_answered(far):
-    far = connected(far)
-    far.is_another()
-    with pytest.raises(WrongDevice):
-        far.device.reconnect()
-    far.is_another(False)
-    far.device.reconnect()
-    assert far.device.state()

@@ -81,36 +81,34 @@ def test_deadline_counts_from_the_question_not_from_the_last_byte_or_event(said)
     assert cell.clock.now_s() == pytest.approx(1.0)
 
 
-def test_answers_to_nothing_twice_or_of_another_kind_close_the_link():
+@pytest.mark.parametrize("said", [b"answer 1\nanswer 1\n", b"something else\nanswer 1\n"])
+def test_second_answer_or_one_of_another_kind_closes_the_link(said):
+    cell = Cell((0.1, said))
+    with pytest.raises(WireError, match="an unexpected message"):
+        cell.ask()
+    cell.assert_closed()
+
+
+def test_answer_that_was_there_before_the_question_closes_the_link():
     cell = Cell()
     cell.pipe.arrives(0.0, b"answer 0\n")
     with pytest.raises(WireError, match="an unexpected message"):
         cell.ask()
     assert cell.pipe.sent == []
     cell.assert_closed()
-    cell = Cell((0.1, b"answer 1\nanswer 1\n"))
-    with pytest.raises(WireError, match="an unexpected message"):
+
+
+def test_error_of_the_grammar_names_the_device_and_closes_the_link():
+    def refuse(data):
+        if data:
+            raise WireError("garbage")
+        return []
+
+    cell = Cell((0.1, b"\xff\x00"))
+    cell.link = Link(cell.pipe, refuse, clock_s=cell.clock.now_s, is_event=is_event)
+    with pytest.raises(WireError, match="pipe://test: garbage"):
         cell.ask()
-    cell.assert_closed()
-    cell = Cell((0.1, b"something else\n"), (0.2, b"answer 1\n"))
-    with pytest.raises(WireError, match="something else"):
-        cell.ask()
-    cell.assert_closed()
-
-
-def test_error_of_the_framer_closes_the_link():
-    class Strict:
-        def feed(self, data):
-            if data:
-                raise WireError("garbage")
-            return []
-
-    clock = HandClock()
-    pipe = TimedPipe(clock, lambda _: ((0.1, b"\xff\x00"),))
-    link = Link(pipe, Strict().feed, clock_s=clock.now_s, is_event=is_event)
-    with pytest.raises(WireError, match="garbage"):
-        link.ask(b"q\n", answers=is_answer, within_s=1.0, title="Q")
-    assert pipe.is_closed
+    assert cell.pipe.is_closed
 
 
 def test_a_peer_that_closes_closes_the_link_whoever_asks():

@@ -15,6 +15,13 @@ STANDARD_RESULT = bodies.SingleResult(
 )
 
 
+def booted(laser=3):
+    """An instrument that is not initialised yet."""
+    instrument = Instrument()
+    instrument.state[Command.GET_SYSTEM_STATUS] = system_status(processor=3, laser=laser)
+    return instrument
+
+
 class TestPrepare:
     def test_settings_are_those_of_the_campaign(self):
         station = Station(deadlines=EmsconDeadlines(search_timeout_s=4.0)).connected()
@@ -28,25 +35,20 @@ class TestPrepare:
         assert instrument.body_of(Command.SET_STATISTIC_MODE).stationary == 1
         assert instrument.body_of(Command.SET_COORDINATE_SYSTEM_TYPE).value == 0
         assert instrument.body_of(Command.SET_MEASUREMENT_MODE).value == 0
+        assert Command.INITIALIZE not in instrument.commands(), "it is, and is not moved"
 
     def test_points_are_in_the_instruments_own_frame_and_its_equipment_stays(self, station):
         settings = station.instrument.state[Command.GET_SYSTEM_SETTINGS]
         assert settings == bodies.SystemSettings(1, 0, 0, 1, 1, 0, 0, 1, 1)
 
-    def test_initialised_tracker_is_not_moved(self):
-        station = Station().connected()
-        station.tracker.prepare("CCR-1.5in", 2.0)
-        assert Command.INITIALIZE not in station.instrument.commands()
-
-    def test_instrument_is_initialised_in_two_minutes_or_never(self):
-        instrument = Instrument()
-        instrument.state[Command.GET_SYSTEM_STATUS] = system_status(processor=3)
-        instrument.says[Command.INITIALIZE] = [(119.0, Answer(Command.INITIALIZE))]
-        Station(instrument).prepared()
-        instrument = Instrument()
-        instrument.state[Command.GET_SYSTEM_STATUS] = system_status(processor=3)
-        instrument.says[Command.INITIALIZE] = [(121.0, Answer(Command.INITIALIZE))]
-        station = Station(instrument)
+    @pytest.mark.parametrize(("takes_s", "succeeds"), [(119.0, True), (121.0, False)])
+    def test_instrument_is_initialised_in_two_minutes_or_never(self, takes_s, succeeds):
+        station = Station(booted())
+        initialised = [(takes_s, Answer(Command.INITIALIZE))]
+        station.instrument.says[Command.INITIALIZE] = initialised
+        if succeeds:
+            station.prepared()
+            return
         with pytest.raises(LinkDown, match="no answer to Initialize within 120 s"):
             station.prepared()
         assert station.pipe.is_closed
@@ -55,13 +57,11 @@ class TestPrepare:
         ("laser", "said"),
         [(0, "check the cable"), (2, "heating up → wait"), (4, "restart"), (5, "off → switch")],
     )
-    def test_laser_that_cannot_be_used_is_told_and_nothing_moves(self, laser, said):
-        instrument = Instrument()
-        instrument.state[Command.GET_SYSTEM_STATUS] = system_status(processor=3, laser=laser)
-        station = Station(instrument)
+    def test_laser_that_cannot_be_used_is_named_and_nothing_moves(self, laser, said):
+        station = Station(booted(laser))
         with pytest.raises(DeviceNotReady, match=said):
             station.prepared()
-        assert Command.INITIALIZE not in instrument.commands()
+        assert Command.INITIALIZE not in station.instrument.commands()
 
     @pytest.mark.parametrize("laser", [1, 3])
     def test_instrument_without_an_interferometer_is_as_good_as_warm(self, laser):
@@ -93,11 +93,28 @@ class TestPrepare:
             instrument.state[Command.GET_UNITS] = bodies.Units(1, 1, 0, 0, 0)
             assert Station(instrument).prepared().tracker.measure()
 
-    def test_setting_that_is_refused_or_not_kept_is_told(self):
+    @pytest.mark.parametrize(
+        ("setting", "kept", "said"),
+        [
+            (Command.SET_UNITS, {}, "does not report its units as set"),
+            (
+                Command.SET_STATIONARY_MODE_PARAMS,
+                {Command.GET_STATIONARY_MODE_PARAMS: bodies.StationaryMode(100, 1)},
+                "is 100 ms after 500 ms was set",
+            ),
+        ],
+    )
+    def test_setting_that_is_accepted_but_not_kept_is_refused(self, setting, kept, said):
         instrument = Instrument()
-        instrument.says[Command.SET_UNITS] = [(0.0, Answer(Command.SET_UNITS))]
-        with pytest.raises(DeviceRefused, match="does not report its units as set"):
-            Station(instrument).prepared()
+        instrument.state |= kept
+        instrument.says[setting] = [(0.0, Answer(setting))]
+        station = Station(instrument)
+        with pytest.raises(DeviceRefused, match=said):
+            station.prepared()
+        with pytest.raises(DeviceNotReady, match="not prepared"):
+            station.tracker.measure()
+
+    def test_setting_that_is_refused_is_named(self):
         instrument = Instrument()
         instrument.refuses[Command.SET_STATIONARY_MODE_PARAMS] = 12
         with pytest.raises(DeviceRefused, match=r"SetStationaryModeParams was refused: emScon"):
@@ -128,25 +145,3 @@ class TestPrepare:
         instrument.refuses[Command.SET_STATISTIC_MODE] = ResultStatus.NOT_IMPLEMENTED
         instrument.result = STANDARD_RESULT
         assert Station(instrument).prepared().tracker.measure().covariance_mm2[0][0] == 4e-4
-
-
-class TestSettingsChangedByOthers:
-    def test_changes_by_others_are_noticed_through_other_questions_and_keep_the_head_still(
-        self, station
-    ):
-        station.instrument.state[Command.GET_UNITS] = bodies.Units(5, 1, 0, 0, 0)
-        station.comes(bodies.StatusChange(SystemChange.UNITS))
-        station.tracker.state()
-        with pytest.raises(DeviceNotReady, match="units"):
-            station.tracker.measure()
-        station.instrument.state[Command.GET_UNITS] = bodies.Units(0, 0, 0, 0, 0)
-        station.comes(bodies.StatusChange(SystemChange.UNITS))
-        with pytest.raises(DeviceNotReady):
-            station.tracker.go_to((1.0, 2.0, 3.0))
-        assert Command.GO_POSITION not in station.instrument.commands()
-
-    def test_change_back_to_what_was_agreed_is_no_harm(self, station):
-        station.comes(
-            bodies.StatusChange(SystemChange.UNITS), bodies.StatusChange(SystemChange.REFLECTOR)
-        )
-        assert station.tracker.measure()

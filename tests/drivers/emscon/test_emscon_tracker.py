@@ -9,6 +9,8 @@ from drivers.wire import emscon_messages as bodies
 from drivers.wire.emscon import Answer, encode, refusal
 from drivers.wire.emscon_constants import Command, ResultStatus
 
+HELD_BY_ANOTHER = ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED
+
 
 class TestSession:
     def test_connecting_sets_our_units_before_anything_is_read(self):
@@ -23,24 +25,27 @@ class TestSession:
         instrument.refuses[Command.GET_TRACKER_INFO] = ResultStatus.NOT_IMPLEMENTED
         assert Station(instrument).connected().tracker.identity().model == "laser tracker"
 
-    def test_another_program_on_the_tracker_is_named_as_the_reason(self):
+    @pytest.mark.parametrize(
+        "answer",
+        [
+            refusal(Command.SET_UNITS, HELD_BY_ANOTHER),
+            encode(bodies.ErrorResponse(64, HELD_BY_ANOTHER)),
+        ],
+        ids=["refusal", "error packet"],
+    )
+    def test_another_program_on_the_tracker_is_named_as_the_reason(self, answer):
         instrument = Instrument()
-        instrument.refuses[Command.SET_UNITS] = ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED
+        instrument.says[Command.SET_UNITS] = [(0.1, answer)]
         with pytest.raises(DeviceRefused, match=r"10011.*→ end the other program") as caught:
             Station(instrument).connected()
         assert caught.value.code == "10011"
 
-    def test_another_program_told_by_an_error_packet_or_instead_of_an_answer_is_named(self):
+    def test_another_program_that_takes_the_tracker_later_closes_the_wire(self):
         station = Station().connected()
-        station.comes(bodies.ErrorResponse(64, ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED))
+        station.comes(bodies.ErrorResponse(64, HELD_BY_ANOTHER))
         with pytest.raises(DeviceRefused, match="end the other program"):
             station.tracker.reflectors()
         assert station.pipe.is_closed
-        instrument = Instrument()
-        error = bodies.ErrorResponse(64, ResultStatus.MULTI_CONNECTIONS_NOT_ALLOWED)
-        instrument.says[Command.SET_UNITS] = [(0.1, error)]
-        with pytest.raises(DeviceRefused, match="end the other program"):
-            Station(instrument).connected()
 
     def test_closing_never_ends_the_trackers_server(self, station):
         sent_before = len(station.pipe.sent)
@@ -62,14 +67,11 @@ class TestReconnect:
 
     def test_old_connection_that_is_still_held_is_waited_for(self, station):
         instrument = station.instrument
-        busy_until_s = station.clock.now_s() + 2.0
-
-        def refuse(request):
-            if station.clock.now_s() < busy_until_s:
-                return [(0.0, refusal(request.command, 10011))]
-            return None
-
-        instrument.says[Command.SET_UNITS] = refuse
+        held = [(0.0, refusal(Command.SET_UNITS, HELD_BY_ANOTHER))]
+        free_s = station.clock.now_s() + 2.0
+        instrument.says[Command.SET_UNITS] = lambda _: (
+            held if station.clock.now_s() < free_s else None
+        )
         station.tracker.reconnect()
         assert station.tracker.measure()
 
@@ -90,17 +92,8 @@ class TestReconnect:
 
 
 class TestReflectors:
-    def test_every_packet_of_the_list_is_read_in_any_pieces(self):
-        station = Station().connected()
-        packets = b"".join(
-            encode(Answer(Command.GET_REFLECTORS, 0, bodies.ReflectorEntry(3, n, 1, 19.05, name)))
-            for n, name in NAMES.items()
-        )
-        station.instrument.says[Command.GET_REFLECTORS] = [
-            (0.1 * index, packets[start : start + 70])
-            for index, start in enumerate(range(0, len(packets), 70))
-        ]
-        reflectors = station.tracker.reflectors()
+    def test_every_packet_of_the_list_is_read(self):
+        reflectors = Station().connected().tracker.reflectors()
         assert {r.identifier: r.name for r in reflectors} == NAMES
         assert reflectors[0].surface_offset_mm == 19.05
 

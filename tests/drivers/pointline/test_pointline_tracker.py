@@ -13,11 +13,6 @@ def instrument():
     return ScriptedInstrument().prepared()
 
 
-def test_identity_is_what_the_instrument_says(instrument):
-    who = Identity("Example Metrology", "T-1000", "4711", "2.1", "pointline 1")
-    assert instrument.tracker.identity() == who
-
-
 @pytest.mark.parametrize("hello", ["NO VERSION 2 is spoken here", "OK 2 Example T 1 1"])
 def test_other_version_is_the_wrong_device(hello):
     instrument = ScriptedInstrument()
@@ -28,6 +23,8 @@ def test_other_version_is_the_wrong_device(hello):
 
 
 def test_point_comes_with_its_covariance_the_air_and_the_answer(instrument):
+    who = Identity("Example Metrology", "T-1000", "4711", "2.1", "pointline 1")
+    assert instrument.tracker.identity() == who
     measured = instrument.tracker.measure()
     assert measured.point_in_tracker_mm == POINT_MM
     assert measured.covariance_mm2 == ((1e-4, 0.0, 0.0), (0.0, 4e-4, 0.0), (0.0, 0.0, 4e-4))
@@ -68,7 +65,6 @@ def test_point_of_another_reflector_is_refused(instrument):
     [
         ("3.0e5 0.0 0.0 0.01 0.0 0.0 0.01 0.0 0.01", "possible is 0 to 200000 mm"),
         ("1.0 2.0 3.0 0.01 0.02 0.0 0.01 0.0 0.01", "not positive definite"),
-        ("1.0 2.0 3.0 0.01 0.0 0.0 0.0 0.0 0.01", "not positive definite"),
         ("1.0 2.0 3.0 -0.01 0.0 0.0 0.01 0.0 0.01", "not positive definite"),
         ("1.0 2.0 3.0 1.0e6 0.0 0.0 0.01 0.0 0.01", "standard deviation"),
     ],

@@ -24,30 +24,35 @@ FLAT = {
 } | {"plate_mm": 100.0}
 
 
-def test_geometry_is_read_by_its_flat_names(controller):
+TILTS = {"arm1.axis_tilt_deg": 0.02, "arm2.parallelogram_skew_deg": -0.01}
+
+
+@pytest.fixture
+def controller():
+    """A controller with the parameters of `FLAT`, connected."""
+    return with_parameters(connected())
+
+
+def with_parameters(controller):
     for arm in range(4):
         controller.answers[f"GEOM ARM {arm}"] = f"OK ARM {arm} " + ARM.format(arm=arm)
     controller.answers["GEOM PLATE"] = "OK PLATE 100.0"
-    assert controller.robot.read_geometry() == FLAT
+    return controller
 
 
 def test_parameters_are_written_and_read_whole_although_somebody_wants_to_stop():
     wishes = []
-    controller = connected(cancelled=lambda: bool(wishes))
+    controller = with_parameters(connected(cancelled=lambda: bool(wishes)))
     wishes.append("stop")
     controller.robot.write_geometry(FLAT)
     assert controller.verbs[-1] == "COMMIT"
-    for arm in range(4):
-        controller.answers[f"GEOM ARM {arm}"] = f"OK ARM {arm} " + ARM.format(arm=arm)
-    controller.answers["GEOM PLATE"] = "OK PLATE 100.0"
     controller.robot.reconnect()
     assert controller.robot.read_geometry() == FLAT
     assert controller.robot.identity().serial == "SN-0042"
 
 
 def test_geometry_of_another_arm_than_asked_closes_the_wire(controller):
-    controller.answers["GEOM"] = "OK ARM 0 " + ARM.format(arm=0)
-    controller.answers["GEOM PLATE"] = "OK PLATE 100.0"
+    controller.answers["GEOM ARM 1"] = "OK ARM 0 " + ARM.format(arm=0)
     with pytest.raises(WireError, match="answered for ARM 0, asked for ARM 1"):
         controller.robot.read_geometry()
     assert controller.pipes[0].is_closed
@@ -99,15 +104,9 @@ def test_geometry_that_is_not_whole_is_never_sent(controller, change, name):
     assert controller.questions == []
 
 
-TILTS = {"arm1.axis_tilt_deg": 0.02, "arm2.parallelogram_skew_deg": -0.01}
-
-
 def tilting(answer):
     """A controller asked for extensions, all of which it answers with `answer` but for `TILTS`."""
-    controller = connected(layout=TILTING_LAYOUT)
-    for arm in range(4):
-        controller.answers[f"GEOM ARM {arm}"] = f"OK ARM {arm} " + ARM.format(arm=arm)
-    controller.answers["GEOM PLATE"] = "OK PLATE 100.0"
+    controller = with_parameters(connected(layout=TILTING_LAYOUT))
     for name in TILTING_LAYOUT.extensions:
         controller.answers[f"GEOM {name}"] = answer.format(name=name)
     return controller

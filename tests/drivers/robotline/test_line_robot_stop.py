@@ -4,7 +4,6 @@ import pytest
 from scripted_controller import connected
 
 from drivers.errors import Cancelled, LinkDown, RobotStateUnknown
-from drivers.robotline import RobotlineDeadlines
 
 MOVING = "OK 1 0 - 0.0 0.0 0.0 0.0"
 STANDING = "OK 0 0 - 0.0 0.0 0.0 0.0"
@@ -109,43 +108,49 @@ def test_noise_on_the_line_does_not_keep_a_stop_from_being_sent(controller):
     assert controller.verbs == ["STOP"]
 
 
-def test_stop_that_nobody_answers_is_loud_and_in_time():
-    controller = connected(deadlines=RobotlineDeadlines(standstill_s=3.0))
-    controller.connections = 1
+def answers_no_stop(controller):
+    controller.answers["STOP"] = None
+
+
+def moves_on(controller):
+    controller.answers["STATE"] = MOVING
+
+
+def is_gone(controller):
+    """Connecting hangs, and the wire was closed with the question that the wish abandoned."""
     controller.robot.close()
-    begun_s = controller.clock.now_s()
-    with pytest.raises(RobotStateUnknown, match=r"robot state unknown.*use the hardware stop"):
-        controller.robot.stop()
-    assert controller.clock.now_s() - begun_s < 3.0 + 0.5
+    controller.accepts_after_s = 1e6
 
 
-def test_operator_is_alarmed_once_as_soon_as_a_stop_is_not_confirmed():
+def refuses_connections(controller):
+    controller.robot.close()
+    controller.connections = 1
+
+
+@pytest.mark.parametrize(
+    ("fault", "problem", "alarm_s"),
+    [
+        (answers_no_stop, "no answer to STOP", 0.5),
+        (moves_on, "it still moves", 0.5),
+        (is_gone, "timed out", 0.5),
+        (refuses_connections, "nobody answers", 0.1),
+    ],
+)
+def test_stop_that_is_not_confirmed_alarms_once_and_ends_loudly_in_time(fault, problem, alarm_s):
     alarms = []
     controller = connected(alarm=lambda text: alarms.append((text, controller.clock.now_s())))
     controller.robot.stop()
     assert not alarms
-    controller.answers["STOP"] = None
-    begun_s = controller.clock.now_s()
-    with pytest.raises(RobotStateUnknown):
-        controller.robot.stop()
-    ((text, told_s),) = alarms
-    assert text.startswith("PRESS THE EMERGENCY STOP unless you see the robot stand: ")
-    assert told_s - begun_s == pytest.approx(0.5, abs=0.1)
-    assert all(pipe.is_closed for pipe in controller.pipes)
-
-
-def test_operator_is_alarmed_as_soon_when_the_host_is_gone_and_connecting_hangs():
-    """The wire was closed with the question that the operator's wish abandoned."""
-    alarms = []
-    controller = connected(alarm=lambda _: alarms.append(controller.clock.now_s()))
-    controller.robot.close()
-    controller.accepts_after_s = 1e6
-    begun_s = controller.clock.now_s()
-    with pytest.raises(RobotStateUnknown, match="within 5 s"):
-        controller.robot.stop()
-    (told_s,) = alarms
-    assert told_s - begun_s == pytest.approx(0.5)
-    assert controller.clock.now_s() - begun_s < 5.5
+    fault(controller)
+    for stops in (1, 2):
+        begun_s = controller.clock.now_s()
+        with pytest.raises(RobotStateUnknown, match=rf"within 5 s \(.*{problem}.*hardware stop"):
+            controller.robot.stop()
+        assert controller.clock.now_s() - begun_s < 5.5
+        assert len(alarms) == stops, "each stop has its own"
+        text, alarmed_s = alarms[-1]
+        assert text.startswith("PRESS THE EMERGENCY STOP unless you see the robot stand: ")
+        assert alarmed_s - begun_s == pytest.approx(alarm_s, abs=0.1)
 
 
 def test_host_that_accepts_slowly_still_confirms_a_stop(controller):
@@ -153,21 +158,6 @@ def test_host_that_accepts_slowly_still_confirms_a_stop(controller):
     controller.accepts_after_s = 1.5
     controller.robot.stop()
     assert controller.verbs[-2:] == ["STOP", "STATE"]
-
-
-def test_robot_that_goes_on_moving_is_loud_and_the_operator_alarmed_at_once():
-    alarms = []
-    controller = connected(alarm=lambda text: alarms.append((text, controller.clock.now_s())))
-    controller.answers["STATE"] = MOVING
-    begun_s = controller.clock.now_s()
-    with pytest.raises(RobotStateUnknown, match=r"within 5 s \(it still moves\)"):
-        controller.robot.stop()
-    ((text, told_s),) = alarms
-    assert text.startswith("PRESS THE EMERGENCY STOP unless you see the robot stand: ")
-    assert told_s - begun_s == pytest.approx(0.5, abs=0.1)
-    with pytest.raises(RobotStateUnknown):
-        controller.robot.stop()
-    assert len(alarms) == 2, "each stop has its own"
 
 
 def test_stop_that_is_refused_is_loud(controller):

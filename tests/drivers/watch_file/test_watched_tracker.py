@@ -74,7 +74,7 @@ def watched(tmp_path, before, *doings, cancelled=lambda: False, encoding=None, *
         ("Main p1 1.0 2.0 3.0\n", [nothing, appends(ROW + "\r\n")]),
         ("Main p1 1.0 2.0 3.0", [appends("\n" + ROW + "\n")]),
         ("Main p1 1.0 2.0", [appends(" 3.0\n"), appends(ROW + "\n")]),
-        ("", [appends("Main p2 2000.5 10."), nothing, appends("25 -300.125\n")]),
+        ("", [appends("Main p2 2000.5 10."), *[nothing] * 50, appends("25 -300.125\n")]),
         (
             "a 1 2 3\n",
             [replaces(""), replaces("a 1 2 3\nMain p2 20"), replaces(f"a 1 2 3\n{ROW}\n")],
@@ -102,37 +102,25 @@ def test_line_is_a_row_with_its_end_only_however_long_its_writer_waits(tmp_path)
     assert tracker.measure().point_in_tracker_mm == POINT
 
 
-def test_line_end_that_never_comes_is_named(tmp_path):
-    with pytest.raises(
-        NotAMeasurement, match=r"no new row for 30 s; its last line has no line end"
-    ):
-        watched(tmp_path, "", appends(ROW))[1].measure()
-
-
-def test_row_of_before_the_start_that_is_written_again_is_no_measurement(tmp_path):
-    _, tracker = watched(tmp_path, f"a 1 2 3\n{ROW}\n", appends(ROW + "\n"))
-    with pytest.raises(NotAMeasurement, match="the row is that before"):
+@pytest.mark.parametrize(
+    ("before", "doings", "said"),
+    [
+        (f"{ROW}\n", [], "no new row for 30 s →"),
+        ("", [appends(ROW)], "no new row for 30 s; its last line has no line end"),
+        (f"a 1 2 3\n{ROW}\n", [appends(ROW + "\n")], "the row is that before"),
+        (f"a 1 2 3\n{ROW}\n", [replaces(f"a 1.001 2.001 3.001\n{ROW}\n")], "no new row"),
+        ("", [appends(f"{ROW}\nMain p3 1.0 2.0 3.0\n")], "2 new rows at once"),
+    ],
+    ids=["silence", "no line end", "row of before", "more digits", "two at once"],
+)
+def test_no_row_an_old_one_or_two_are_no_measurement(tmp_path, before, doings, said):
+    clock, tracker = watched(tmp_path, before, *doings)
+    with pytest.raises(NotAMeasurement, match=said):
         tracker.measure()
+    assert clock.now_s() <= 30.2
 
 
-def test_row_of_before_that_is_written_anew_with_more_digits_is_no_measurement(tmp_path):
-    more = replaces(f"a 1.001 2.001 3.001\n{ROW}\n")
-    _, tracker = watched(tmp_path, f"a 1 2 3\n{ROW}\n", more)
-    with pytest.raises(NotAMeasurement, match="no new row"):
-        tracker.measure()
-
-
-def test_rows_of_before_are_never_taken_and_silence_is_no_measurement(tmp_path):
-    clock, tracker = watched(tmp_path, f"{ROW}\n")
-    with pytest.raises(NotAMeasurement, match="no new row for 30 s"):
-        tracker.measure()
-    assert clock.now_s() == pytest.approx(30.0, abs=0.2)
-
-
-def test_two_rows_at_once_and_the_row_before_are_no_measurement(tmp_path):
-    twice = appends(f"{ROW}\nMain p3 1.0 2.0 3.0\n")
-    with pytest.raises(NotAMeasurement, match="2 new rows at once"):
-        watched(tmp_path, "", twice)[1].measure()
+def test_row_that_is_measured_twice_is_no_measurement(tmp_path):
     _, tracker = watched(tmp_path, "", appends(ROW + "\n"), appends(ROW + "\n"))
     assert tracker.measure()
     with pytest.raises(NotAMeasurement, match="the row is that before"):

@@ -3,6 +3,7 @@
 import json
 import struct
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from hypothesis import given
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from drivers.errors import WireError
 from drivers.wire import emscon
 from drivers.wire import emscon_messages as said
+from drivers.wire.emscon import Answer, EmsconRequest
 from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
 from drivers.wire.framing import Packet
 
@@ -23,39 +25,37 @@ GOLDEN = {
 }
 
 MEANINGS = {
-    "Initialize request": emscon.EmsconRequest(Command.INITIALIZE),
-    "Initialize answer OK": emscon.Answer(Command.INITIALIZE),
-    "SetUnits request (mm, deg, C, mbar, RH)": emscon.EmsconRequest(
-        Command.SET_UNITS, said.Units(1, 1, 0, 0, 0)
-    ),
-    "SetCoordinateSystemType request RHR": emscon.EmsconRequest(
+    "Initialize request": EmsconRequest(Command.INITIALIZE),
+    "Initialize answer OK": Answer(Command.INITIALIZE),
+    "SetUnits request (mm, deg, C, mbar, RH)": EmsconRequest(Command.SET_UNITS, UNITS),
+    "SetCoordinateSystemType request RHR": EmsconRequest(
         Command.SET_COORDINATE_SYSTEM_TYPE, said.Code(0)
     ),
-    "SetMeasurementMode request Stationary": emscon.EmsconRequest(
+    "SetMeasurementMode request Stationary": EmsconRequest(
         Command.SET_MEASUREMENT_MODE, said.Code(0)
     ),
-    "SetStationaryModeParams request 2000 ms, ADM on": emscon.EmsconRequest(
+    "SetStationaryModeParams request 2000 ms, ADM on": EmsconRequest(
         Command.SET_STATIONARY_MODE_PARAMS, said.StationaryMode(2000, 1)
     ),
-    "GetReflectors request": emscon.EmsconRequest(Command.GET_REFLECTORS),
-    "GetReflectors answer 1 of 2": emscon.Answer(
+    "GetReflectors request": EmsconRequest(Command.GET_REFLECTORS),
+    "GetReflectors answer 1 of 2": Answer(
         Command.GET_REFLECTORS, body=said.ReflectorEntry(2, 1, 1, 19.05, "CCR-1.5in")
     ),
-    "SetReflector request id 1": emscon.EmsconRequest(Command.SET_REFLECTOR, said.Code(1)),
-    "SetSearchParams request 50.0, 10000 ms": emscon.EmsconRequest(
+    "SetReflector request id 1": EmsconRequest(Command.SET_REFLECTOR, said.Code(1)),
+    "SetSearchParams request 50.0, 10000 ms": EmsconRequest(
         Command.SET_SEARCH_PARAMS, said.SearchParams(50.0, 10000)
     ),
-    "SetEnvironmentParams request 20,1013.25,50": emscon.EmsconRequest(
+    "SetEnvironmentParams request 20,1013.25,50": EmsconRequest(
         Command.SET_ENVIRONMENT_PARAMS, said.Environment(20.0, 1013.25, 50.0)
     ),
-    "GoPosition request 1000,2000,-300, ADM": emscon.EmsconRequest(
+    "GoPosition request 1000,2000,-300, ADM": EmsconRequest(
         Command.GO_POSITION, said.BeamTarget((1000.0, 2000.0, -300.0), 1)
     ),
-    "FindReflector request 3000": emscon.EmsconRequest(
+    "FindReflector request 3000": EmsconRequest(
         Command.FIND_REFLECTOR, said.ApproximateDistance(3000.0)
     ),
-    "StartMeasurement request": emscon.EmsconRequest(Command.START_MEASUREMENT),
-    "StartMeasurement answer OK": emscon.Answer(Command.START_MEASUREMENT),
+    "StartMeasurement request": EmsconRequest(Command.START_MEASUREMENT),
+    "StartMeasurement answer OK": Answer(Command.START_MEASUREMENT),
     "SingleMeasResult": said.SingleResult(
         status=0,
         mode=0,
@@ -73,7 +73,7 @@ MEANINGS = {
     "ErrorResponse cmd 49 status 23": said.ErrorResponse(49, 23),
     "SystemStatusChange 27 Ready": said.StatusChange(SystemChange.LIGHT_READY),
     "ReflectorPosResult": said.ReflectorPosition(0, (1.0, 2.0, 3.0)),
-    "GetSystemStatus answer": emscon.Answer(
+    "GetSystemStatus answer": Answer(
         Command.GET_SYSTEM_STATUS, body=said.SystemStatus(0, 5, 3, 2, 3, 8, 500, 2, 0, 390793)
     ),
 }
@@ -90,34 +90,13 @@ def bodies(kind):
     return st.builds(kind, *(VALUES[form] for form in said.annotations_of(kind)))
 
 
-REQUESTS = st.one_of(
-    [
-        bodies(emscon.REQUESTS.get(command, said.Nothing)).map(
-            lambda b, c=command: emscon.EmsconRequest(c, b)
-        )
-        for command in Command
-    ]
+REQUESTS = st.sampled_from(Command).flatmap(
+    lambda c: bodies(emscon.REQUESTS.get(c, said.Nothing)).map(lambda body: EmsconRequest(c, body))
 )
-ANSWERS = st.one_of(
-    [
-        bodies(emscon.ANSWERS.get(command, said.Nothing)).map(
-            lambda b, c=command: emscon.Answer(c, 0, b)
-        )
-        for command in Command
-    ]
+ANSWERS = st.sampled_from(Command).flatmap(
+    lambda c: bodies(emscon.ANSWERS.get(c, said.Nothing)).map(lambda body: Answer(c, 0, body))
 )
-UNASKED = st.one_of(
-    [
-        bodies(kind)
-        for kind in (
-            said.ErrorResponse,
-            said.StatusChange,
-            said.ReflectorPosition,
-            said.SingleResult,
-            said.SingleResult2,
-        )
-    ]
-)
+UNASKED = st.sampled_from(get_args(emscon.Unasked)).flatmap(bodies)
 OTHERS = st.builds(Packet, st.sampled_from([3, 4, 5, 6, 10, 11]).map(int), st.binary(max_size=40))
 FROM_SERVER = st.one_of(ANSWERS, UNASKED, OTHERS)
 
@@ -154,7 +133,7 @@ def test_refusal_is_read_with_or_without_what_would_follow():
     bare = struct.pack("<iiii", 16, 0, 1, 1)
     padded = struct.pack("<iiii", 56, 0, 1, 1) + bytes(40)
     assert emscon.refusal(Command.GET_SYSTEM_STATUS, ResultStatus.SERVER_BUSY) == padded
-    expected = [emscon.Answer(Command.GET_SYSTEM_STATUS, ResultStatus.SERVER_BUSY)]
+    expected = [Answer(Command.GET_SYSTEM_STATUS, ResultStatus.SERVER_BUSY)]
     assert emscon.from_server()(bare) == expected
     assert emscon.from_server()(padded) == expected
 
@@ -181,7 +160,7 @@ def test_packet_of_a_type_that_nobody_knows_is_read_as_such_when_it_is_sound():
 
 @pytest.mark.parametrize(
     "message",
-    [said.StatusChange(27), said.ErrorResponse(49, 36), emscon.Answer(Command.GET_UNITS, 0, UNITS)],
+    [said.StatusChange(27), said.ErrorResponse(49, 36), Answer(Command.GET_UNITS, 0, UNITS)],
 )
 def test_fields_that_later_firmware_appends_are_passed_over(message):
     data = emscon.encode(message)
@@ -193,7 +172,7 @@ def test_fields_that_later_firmware_appends_are_passed_over(message):
 
 
 def test_a_client_is_held_to_commands_of_their_size():
-    data = emscon.encode(emscon.EmsconRequest(Command.SET_UNITS, UNITS))
+    data = emscon.encode(EmsconRequest(Command.SET_UNITS, UNITS))
     with pytest.raises(WireError, match="Units has 24 bytes, 20 are expected"):
         emscon.from_client()(struct.pack("<i", len(data) + 4) + data[4:] + bytes(4))
     with pytest.raises(WireError, match="type 8 from a client"):

@@ -1,16 +1,19 @@
 """Frames to torture wire parsers with: examples of every message, and what can become of them."""
 
-from collections.abc import Callable, Sequence
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
+from pathlib import Path
 from random import Random
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
-from drivers.wire import emscon, emscon_messages, lines, pointline, robotline
+from robotline_layouts import PAR4_LINES
+
+from drivers.wire import emscon, lines, pointline
 from drivers.wire.emscon_constants import Command
+from drivers.wire.emscon_messages import Body, Nothing, Triple, annotations_of
 from drivers.wire.framing import LineFramer, Packet, PacketFramer
-from drivers.wire.lines import Answer, Hello, Nothing, Question, Refused
-from sim.geometry import PAR4
-from sim.servers.robotline_server import layout_of
 
 
 class Wire(NamedTuple):
@@ -25,80 +28,42 @@ class Wire(NamedTuple):
     resealed: Callable[[bytes], bytes] = lambda frame: frame
 
 
-def example(kind: type[emscon_messages.Body]) -> emscon_messages.Body:
-    """A body in which no two fields are alike."""
-    values = {int: 7, float: 0.5, emscon_messages.Triple: (1.5, -2.5, 3.5), str: "CCR-1.5in"}
-    return kind(*(values[form] for form in emscon_messages.annotations_of(kind)))
+def example(kind: type[Body]) -> Body:
+    """A body of that kind."""
+    values = {int: 7, float: 0.5, Triple: (1.5, -2.5, 3.5), str: "CCR-1.5in"}
+    return kind(*(values[form] for form in annotations_of(kind)))
 
 
-UNASKED = (
-    emscon_messages.ErrorResponse,
-    emscon_messages.StatusChange,
-    emscon_messages.ReflectorPosition,
-    emscon_messages.SingleResult,
-    emscon_messages.SingleResult2,
-)
+def bodies(table: Mapping[Command, type[Body]]) -> Iterator[tuple[Command, Body]]:
+    """A body for each command, by the table of their types."""
+    return ((command, example(table.get(command, Nothing))) for command in Command)
+
+
 FROM_INSTRUMENT = (
-    *(
-        emscon.encode(emscon.Answer(c, 0, example(emscon.ANSWERS.get(c, emscon_messages.Nothing))))
-        for c in Command
-    ),
-    *(emscon.encode(example(kind)) for kind in UNASKED),  # type: ignore[arg-type] # all are of the union
+    *(emscon.encode(emscon.Answer(c, 0, body)) for c, body in bodies(emscon.ANSWERS)),
+    *(emscon.encode(example(kind)) for kind in get_args(emscon.Unasked)),
     *(emscon.refusal(command, 39) for command in (1, 42)),
     emscon.encode(Packet(3, bytes(84))),
 )
 FROM_CLIENT = tuple(
-    emscon.encode(emscon.EmsconRequest(c, example(emscon.REQUESTS.get(c, emscon_messages.Nothing))))
-    for c in Command
+    emscon.encode(emscon.EmsconRequest(c, body)) for c, body in bodies(emscon.REQUESTS)
 )
-LAYOUT = layout_of(PAR4)
-PAR4_LINES = robotline.grammar(LAYOUT)
-PART = robotline.Part(
-    "ARM 0", tuple(1.5 * each for each in range(1, 1 + len(LAYOUT.parts["ARM 0"])))
-)
-ROBOTLINE_ANSWERS = tuple(
-    PAR4_LINES.encode_answer(Answer(7, verb, body))
-    for verb, body in (
-        ("HELLO", robotline.ControllerGreeting(1, "Example Robotics", "Par4", "SN-42", "2.1", 4)),
-        ("STATE", robotline.ControllerStatus(False, False, "drive 2", (0.0, -45.0, 90.0, 1e-300))),
-        ("MOVEJ", robotline.MotionBegun(1.5)),
-        ("GEOM", PART),
-        ("STOP", Nothing()),
-        ("MOVEP", Refused("LIMIT", "joint 3 to 95.0 deg, limit 90.0 deg")),
-    )
-)
-ROBOTLINE_QUESTIONS = tuple(
-    PAR4_LINES.encode_question(Question(7, verb, body))
-    for verb, body in (
-        ("HELLO", Hello(1)),
-        ("STATE", Nothing()),
-        ("MOVEJ", robotline.MoveJoints((0.0, 90.0, -45.0, 1.5), 25.0)),
-        ("MOVEP", robotline.MovePose((1.5, -2.5, -575.0, 45.0), 100.0)),
-        ("GEOM", robotline.ReadPart("ARM 0")),
-        ("STAGE", PART),
-        ("COMMIT", Nothing()),
-    )
-)
-POINTLINE_ANSWERS = tuple(
-    pointline.GRAMMAR.encode_answer(Answer(7, verb, body))
-    for verb, body in (
-        ("HELLO", lines.Greeting(1, "Example Metrology", "T", "4711", "2.1")),
-        ("STATE", pointline.InstrumentStatus(False, True, True, True, "CCR 1.5")),
-        ("REFLECTOR", pointline.ReflectorDefinition(2, "CCR 1.5", 19.05)),
-        ("MEASURE", pointline.PointMeasured(9, "CCR", (2e3, -1.5, 1e-300), (1e-4,) * 6)),
-        ("PREPARE", Nothing()),
-        ("FIND", Refused("BEAM", "nothing was found")),
-    )
-)
-POINTLINE_QUESTIONS = tuple(
-    pointline.GRAMMAR.encode_question(Question(7, verb, body))
-    for verb, body in (
-        ("HELLO", Hello(1)),
-        ("MEASURE", Nothing()),
-        ("PREPARE", pointline.Prepare("CCR 1.5", 2.0)),
-        ("GOTO", pointline.GoTo((1.5, -2.5, 1e300))),
-    )
-)
+ROOT = Path(__file__).parents[3]
+ROBOTLINE = json.loads((ROOT / "tests/data/robotline-golden.json").read_text())
+"""Golden lines of robotline, with the meaning of each."""
+POINTLINE_PAGE = (ROOT / "docs/reference/pointline.md").read_text(encoding="utf-8")
+POINTLINE = re.findall("^[<>].+$", POINTLINE_PAGE.partition("## Golden lines")[2], re.MULTILINE)
+"""Golden lines of pointline, as its page has them."""
+
+
+def on_wire(golden: Iterable[str], mark: str) -> tuple[bytes, ...]:
+    """The golden lines with this mark, a question's or an answer's, with their line feeds."""
+    return tuple(line.encode() + b"\n" for line in golden if line.startswith(mark))
+
+
+ROBOTLINE_QUESTIONS = on_wire([case["line"] for case in ROBOTLINE["requests"]], ">")
+ROBOTLINE_ANSWERS = on_wire([case["line"] for case in ROBOTLINE["replies"]], "<")
+POINTLINE_QUESTIONS, POINTLINE_ANSWERS = on_wire(POINTLINE, ">"), on_wire(POINTLINE, "<")
 
 
 def _questions(grammar):
