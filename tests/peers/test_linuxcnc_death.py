@@ -3,9 +3,9 @@
 from math import radians
 
 import pytest
-from linuxcnc_bench import NEEDS_LINUXCNC, Bench, at, world_controller
+from linuxcnc_bench import NEEDS_LINUXCNC, at, world_controller
 
-from drivers.errors import DeviceRefused, DriverError, LinkDown, RobotStateUnknown, WrongDevice
+from drivers.errors import DeviceRefused, DriverError, LinkDown, RobotStateUnknown
 
 pytestmark = NEEDS_LINUXCNC
 
@@ -73,14 +73,6 @@ def test_controller_started_anew_has_to_be_made_ready_anew(linuxcnc, bench):
         bench.robot.move_joints(NEAR_RAD, 1.0)
     linuxcnc.make_ready()
     assert bench.move(NEAR_RAD).fault == ""
-
-
-def test_machine_of_another_number_of_joints_is_the_wrong_device(tmp_path):
-    with (
-        world_controller(tmp_path, "delta") as linuxcnc,
-        pytest.raises(WrongDevice, match="answers with 3 axes"),
-    ):
-        Bench(linuxcnc).robot.connect()
 
 
 def test_other_kinematics_than_ours_has_no_parameters_and_takes_no_joints(tmp_path):

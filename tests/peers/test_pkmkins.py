@@ -305,11 +305,6 @@ def test_pose_whose_joints_would_carry_the_plate_elsewhere_is_refused(module, ca
     assert checked > 200
 
 
-def test_joints_without_an_assembly_are_refused(module, case):
-    module.set_pins({pin_of(f"arm{arm}.forearm_mm"): 10.0 for arm in range(module.arms)})
-    assert module.forward([0.0] * module.arms) is None
-
-
 @pytest.mark.parametrize("value", [0.0, -100.0, float("nan"), float("inf")])
 def test_parameters_that_are_no_robots_refuse_everything(module, case, value):
     module.set_pins({pin_of("arm1.forearm_mm"): value})

@@ -10,9 +10,11 @@ from robotline_layouts import PAR4_LAYOUT
 
 from app.main import run_command
 from campaigns.journal.journal import read_journal
-from drivers.declaration import RobotSurroundings
-from drivers.errors import LinkDown
+from drivers.declaration import RobotSurroundings, Surroundings
+from drivers.emscon.tracker import EmsconTracker
+from drivers.errors import DriverError, LinkDown
 from drivers.robotline import LineRobot, RobotlineDeadlines
+from drivers.values import Pose
 from sim.cell import Cell
 from sim.clock import EventClock
 from sim.in_process import InProcessCell
@@ -81,6 +83,40 @@ def test_clock_without_a_pace_waits_for_nobody_and_one_with_a_pace_keeps_it():
     assert (hurried.now_s(), paced.now_s()) == (1e6, pytest.approx(10.0))
 
 
+def visits(fault):
+    """Move to six poses and measure each through the drivers, over a broken line; all figures."""
+    scenario = load_scenario("realistic").model_copy(update={"faults": (fault,)})
+    cell = InProcessCell(Cell(scenario), EventClock())
+    robot = LineRobot(
+        RobotSurroundings(
+            open_transport=opener_of(cell, "controller"), layout=PAR4_LAYOUT, clock=cell
+        )
+    )
+    given = Surroundings(open_transport=opener_of(cell, "tracker"), clock=cell, in_process=True)
+    tracker, figures = EmsconTracker(given), []
+    robot.connect()
+    tracker.connect()
+    tracker.prepare("CCR-1.5in", 0.5)
+    for x_mm in range(6):
+        robot.move_pose(Pose(10.0 * x_mm, 0.0, -575.0, 0.0), 1.0)
+        while robot.state().moving:
+            cell.sleep_s(0.01)
+        try:
+            measured = tracker.measure().point_in_tracker_mm
+        except DriverError as error:
+            measured = str(error)
+            tracker.reconnect()
+        figures.append((cell.now_s(), robot.state().joints, measured))
+    return figures
+
+
+def test_two_cells_of_one_seed_give_the_same_figures_at_the_same_times():
+    fault = FaultSection(device="tracker", at_answer=50, kind="close")
+    first = visits(fault)
+    assert any(isinstance(measured, str) for *_, measured in first), "the fault was met"
+    assert visits(fault) == first
+
+
 def run_of(folder):
     """Records of a run, but for the stamps of the wall clock."""
     assert run_command(["run", str(folder), "--yes"]) == 0
@@ -88,6 +124,7 @@ def run_of(folder):
         return [(entry.number, entry.series, repr(entry.record)) for entry in journal.records()]
 
 
+@pytest.mark.long
 def test_two_runs_of_one_seed_give_the_same_journal_record_for_record(tmp_path, capsys):
     folder, again = tmp_path / "first", tmp_path / "second"
     assert run_command(["new", str(folder), "--scenario", "paper-simulation"]) == 0

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.declaration import Surroundings
 from drivers.emscon.tracker import EmsconTracker
-from drivers.errors import BeamBroken, DeviceNotReady, DeviceRefused, DriverError
+from drivers.errors import BeamBroken, DeviceNotReady, DriverError
 from drivers.pointline import PointlineTracker
 from drivers.ports import SystemClock
 from drivers.transport import opener_of
@@ -131,24 +131,6 @@ def test_driver_comes_back_to_the_state_that_it_left(speaks):
         for _ in range(3):
             tracker.reconnect()
             assert tracker.measure()
-
-
-def test_second_driver_is_refused_and_the_first_goes_on():
-    with in_memory("emscon") as (_, connected):
-        tracker = connected()
-        with pytest.raises(DeviceRefused, match="end the other program"):
-            connected()
-        tracker.prepare(CCR, 0.5)
-        assert tracker.measure()
-
-
-def test_cold_tracker_is_refused_without_moving():
-    cold = {"initialised": False, "beam_locked": False, "warm_up_s": 1e6}
-    with (
-        in_memory("emscon", **cold) as (_, connected),
-        pytest.raises(DeviceNotReady, match="heating up"),
-    ):
-        connected().prepare(CCR, 0.5)
 
 
 @pytest.mark.parametrize(

@@ -143,14 +143,6 @@ def test_gears_that_yield_lower_the_plate_the_more_the_heavier_it_is():
     assert (given > 0.0).all(), "arms sink with growing angles"
 
 
-def test_the_reflector_turns_with_the_plate():
-    robot = driven(behaviour())
-    seen = robot.reflector(robot.standing.encoders)
-    plate = robot.standing.assembly.plate
-    assert seen.point_mm == pytest.approx(plate.position_mm + np.array([0.0, 0.0, -50.0]))
-    assert seen.facing == pytest.approx([1.0, 0.0, 0.0])
-
-
 def test_the_way_to_a_singularity_is_open_only_short_of_it():
     robot = driven(behaviour())
     home, target = robot.standing.encoders, np.radians([90.0, -45.0, 90.0, -45.0])

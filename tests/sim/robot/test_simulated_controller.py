@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from sim.faults import Counted, Fault, FaultScript
-from sim.geometry import geometry_of
 from sim.random_streams import WorkedTime
-from sim.robot.assembly import joints_for
 from sim.robot.controller import ControllerKinematics, Refusal, SimulatedController
 from sim.robot.section import ControllerSection, nominal_robot
 
@@ -70,15 +68,6 @@ def test_no_joint_exceeds_its_speed_and_all_arrive_together():
     assert 0.98 * math.radians(90.0) < speeds <= 1.001 * math.radians(90.0)
     parts = (path[1:-1] - HOME)[:, :3] / (np.array(THERE) - HOME)[:3]
     assert np.ptp(parts, axis=1).max() < 1e-6
-
-
-def test_a_pose_is_reached_by_the_controllers_own_geometry():
-    robot = controller()
-    flat = dict(nominal_robot("par4-prototype")[1]) | {"arm2.arm_mm": 353.0}
-    robot.replace_geometry(flat, 0.0)
-    takes_s = robot.move_pose(50.0, -20.0, -600.0, 0.2, 1.0, 0.0)
-    wanted = joints_for(geometry_of(flat), np.array([50.0, -20.0, -600.0]), 0.2)
-    assert robot.state(takes_s).joints == pytest.approx(wanted, abs=1e-7)
 
 
 HOME_DEG = (30.0, 20.0, 20.0)

@@ -6,17 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from campaigns.kinematics.parameters import Parameters, Role
+from campaigns.kinematics.parameters import Role
 from campaigns.kinematics.platforms import PlateGeometry as Drawing
 from campaigns.robots.robot import RobotFile, find_robot
 from sim.geometry import KINDS, geometry_of
 from sim.robot.assembly import OutOfReach, joints_for
-from sim.robot.rods import Plate
-from sim.robot.tilting_kinematics import KnownPlate, _mechanism, tilted_joints_for
+from sim.robot.tilting_kinematics import KnownPlate, tilted_joints_for
 
 ROBOTS = {name: "par4-prototype" if name == "par4" else name for name in KINDS}
 SPACING_MM = 80.0
-POSES = 8
+POSES = 4
 LEFT_RMS_MM = 4e-4
 """Of second order in the rods' differences and the tilts (model.md)."""
 
@@ -25,7 +24,7 @@ def rms(errors):
     return float(np.sqrt(np.mean(errors**2)))
 
 
-def drawn(name, *, bends=True):
+def drawn(name):
     """A robot with rods off by some 0.05 mm, axes and bars off by 0.5 mrad, and poses in reach."""
     draw, nominal = np.random.default_rng(3), find_robot(ROBOTS[name]).robot
     space, kind = nominal.mechanism.parameters, KINDS[name]
@@ -43,7 +42,7 @@ def drawn(name, *, bends=True):
         for key in space.select(Role.EXTENSION)
     }
     for group, size in (("sag", 0.05), ("compliance", 0.1 if kind.on_rails else 0.02)):
-        extensions |= {key: bends * draw.normal(0.0, size) for key in space.select(group=group)}
+        extensions |= {key: draw.normal(0.0, size) for key in space.select(group=group)}
     robot = RobotFile.of(
         replace(nominal, mechanism=nominal.mechanism.with_plate(plate)).mechanism,
         nominal.parameters | extensions,
@@ -71,24 +70,6 @@ def test_rods_put_the_reflector_where_the_models_tilted_plate_has_it(name):
     assert left_mm < LEFT_RMS_MM
     assert shift_mm > 50.0 * left_mm
     assert shift_mm > 0.02
-
-
-@pytest.mark.parametrize("name", ["par4", "h4", "i4r", "i4l"])
-def test_the_tilted_plate_of_the_model_has_a_reflector_on_half_2_where_rods_have_it(name):
-    robot, kind, drawing, poses = drawn(name, bends=False)
-    seen_from_2 = replace(robot.kinematics, mechanism=robot.mechanism.seen_from(2))
-    joints = robot.kinematics.inverse(poses).values_or_raise()
-    _, rods = _mechanism(dict(robot.parameters), kind, drawing)
-    real_mm = np.empty((len(poses), 3))
-    for row, (at, pose) in enumerate(zip(joints, poses, strict=True)):
-        plate, _, _ = rods.settle(at, Plate.level(kind, pose[:3], pose[3]))
-        real_mm[row] = rods.reflector_mm(plate, drawing.reflector_mm, 2)
-    modelled = seen_from_2.forward(joints).values_or_raise()[:, :3] + drawing.reflector_mm
-    plain = Parameters.of(robot.mechanism.parameters, {n: robot.parameters[n] for n in kind.names})
-    level = replace(seen_from_2, p=plain.vector).forward(joints).values_or_raise()[:, :3]
-    left_mm, tilted_mm = rms(real_mm - modelled), rms(real_mm - drawing.reflector_mm - level)
-    assert left_mm < LEFT_RMS_MM
-    assert tilted_mm > 50.0 * left_mm
 
 
 def test_pose_out_of_reach_is_told():

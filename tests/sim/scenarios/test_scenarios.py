@@ -3,8 +3,6 @@
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from refusals import refusal
 
 from campaigns.robots.robot import find_robot
@@ -27,32 +25,16 @@ def explained(text):
     return refusal(ScenarioInvalid, parse_scenario, text, "cell.yaml", begins="cell.yaml:")
 
 
-def test_six_scenarios_are_shipped_and_each_makes_a_cell():
+def test_six_scenarios_are_shipped_and_each_makes_a_cell_with_limits():
     names = "drawn-robots gears hostile paper-prototype paper-simulation realistic"
     assert " ".join(shipped_scenarios()) == names
     for name in shipped_scenarios():
         scenario = load_scenario(name)
         assert scenario.name == name
+        limits = scenario.acceptance
+        assert 0.0 < limits.distance_mean_mm < limits.distance_max_mm
+        assert limits.repeatability_mm is None, "calibration does not change it"
         assert Cell(scenario).tracker.live_point(0.0) is not None
-
-
-def test_every_shipped_scenario_asks_for_limits_and_a_wrong_one_is_explained():
-    for name in shipped_scenarios():
-        asked = load_scenario(name).acceptance
-        assert 0.0 < asked.distance_mean_mm < asked.distance_max_mm
-        assert asked.rotation_mm > 0.0
-        assert asked.straightness_mm > 0.0
-        assert asked.repeatability_mm is None, "calibration does not change it"
-    assert parse_scenario(MINIMAL, "cell.yaml").acceptance.distance_mean_mm is None
-    assert "rotation_mm" in explained(MINIMAL + "acceptance: {rotation_mm: -1.0}\n")
-
-
-def test_table_2_is_the_truth_of_the_papers_prototype():
-    errors = load_scenario("paper-prototype").robot.errors
-    assert len(errors) == 22
-    assert errors["arm2.joint_offset_deg"] == -4.54
-    assert errors["arm2.arm_mm"] == -7.71
-    assert errors["arm3.forearm_mm"] == 4.04
 
 
 def test_gears_of_carriages_and_of_cranks_are_not_mistaken_for_each_other():
@@ -100,20 +82,6 @@ def test_any_shipped_robot_is_a_nominal_one(name):
     assert flat == {each: robot.parameters[each] for each in flat}
 
 
-def test_a_cell_that_says_nothing_of_its_tracker_has_a_usual_one():
-    text = "schema: pkmcal/cell/1\nname: d\nrobot: {mechanism: delta, nominal: delta}\n"
-    tracker = parse_scenario(text, "cell.yaml").tracker
-    assert tracker.noise.coordinate_mm == 0.01
-    assert tracker.station.x_mm > 1000.0
-
-
-def test_a_nominal_robot_of_another_mechanism_or_name_is_refused():
-    said = explained(MINIMAL.replace("par4-prototype", "delta"))
-    assert "nominal 'delta' is no par4; give mechanism: delta" in said
-    said = explained(MINIMAL.replace("par4-prototype", "linear_delta"))
-    assert "nominal 'linear_delta' is not known; did you mean linear-delta?" in said
-
-
 def test_a_robot_can_be_written_out_in_full():
     arms = "".join(
         f"      - {{x_mm: {x}, y_mm: {y}, z_mm: 0, azimuth_deg: {a}, joint_offset_deg: 0,"
@@ -130,11 +98,6 @@ def test_an_unknown_scenario_names_the_nearest():
         load_scenario("realistik")
 
 
-def test_a_folder_is_no_scenario(tmp_path):
-    with pytest.raises(ScenarioInvalid, match="is no file but a folder"):
-        load_scenario(str(tmp_path))
-
-
 @pytest.mark.parametrize(
     ("wrong", "instead", "words"),
     [
@@ -146,24 +109,23 @@ def test_a_folder_is_no_scenario(tmp_path):
             ("joints_from is not a known key", "follows"),
         ),
         ("z_mm: -200.0", "z_mm: text", ("tracker.station.z_mm", "valid number")),
-        ("z_mm: -200.0", "z_mm: '-200'", ("tracker.station.z_mm", "valid number")),
         ("z_mm: -200.0", "z_mm: .nan", ("tracker.station.z_mm",)),
+        ("name: mine", "name: mine\nacceptance: {rotation_mm: -1.0}", ("rotation_mm",)),
         (", z_mm: -200.0", "", ("tracker.station.z_mm is missing",)),
         ("par4-prototype", "par4-prototipe", ("did you mean par4-prototype?",)),
+        ("par4-prototype", "delta", ("nominal 'delta' is no par4; give mechanism: delta",)),
         ("coordinate_mm: 0.01", "coordinate_mm: -1", ("noise.coordinate_mm", "greater than 0")),
         ("coordinate_mm: 0.01", "along: {constant_um: 1, per_metre_um: 1}", ("either",)),
         ("par4-prototype", "par4-prototype, errors: {arm1.arm: 1}", ("mean arm1.arm_mm?",)),
         ("par4-prototype", "par4-prototype, errors: {plate_mm: -100}", ("a length is above 0",)),
         ("name: mine", "name: mine\nfaults: [{at_move: 1, kind: late}]", ("faults.0", "stall")),
         ("name: mine", "name: mine\nfaults: [{kind: late}]", ("exactly one of",)),
-        ("name: mine", "name: mine\nfaults: [{at_result: 1, kind: late}]", ("straggling",)),
         ("name: mine", "name: mine\nfaults: [{at_answer: 1, kind: late}]", ("device",)),
         ("sch", "faults: [{at_measurement: 1, kind: wrong_target}]\nsch", ("other_reflector",)),
         ("sch", f"faults: [{', '.join(['{at_move: 1, kind: stall}'] * 2)}]\nsch", ("same place",)),
         ("name: mine", "name: mine\nname: yours", ("cell.yaml:3", "duplicate key")),
         ("cell/1", "cell/2", ("begin with 'schema: pkmcal/cell/1'",)),
         ("name: mine", "name: mine\nspeed_up: 0", ("speed_up",)),
-        ("name: mine", "name: mine\nspeed_up: yes", ("speed_up",)),
     ],
 )
 def test_a_wrong_entry_is_named_with_its_place(wrong, instead, words):
@@ -175,15 +137,6 @@ def test_a_wrong_entry_is_named_with_its_place(wrong, instead, words):
 @pytest.mark.parametrize("text", ["", "[", "- 1", "hello", "a: *b", "\x00", "{[1]: 2}", "!!x 3"])
 def test_what_is_no_scenario_at_all_is_refused(text):
     explained(text)
-
-
-@given(st.text(max_size=40))
-def test_no_text_brings_the_reader_down(text):
-    try:
-        parse_scenario(text, "cell.yaml")
-    except ScenarioInvalid:
-        return
-    pytest.fail("accepted")
 
 
 def test_a_robot_that_cannot_stand_at_its_start_is_refused():

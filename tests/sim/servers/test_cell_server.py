@@ -140,17 +140,6 @@ def test_too_many_clients_are_turned_away():
             client.close()
 
 
-def test_a_client_that_vanishes_is_forgotten():
-    with Bench() as bench:
-        gone = bench.client()
-        assert asked(gone, b"x") == b"x"
-        gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\x01\0\0\0\0\0\0\0")
-        gone.close()
-        with bench.client() as client:
-            assert asked(client, b"hello") == b"hello"
-            assert bench.log == ["closed"]
-
-
 def test_a_session_can_hang_up_on_garbage():
     with Bench() as bench:
         with bench.client() as client:

@@ -3,9 +3,9 @@
 import math
 
 import pytest
-from emscon_client import COVARIANCE_MM2, MILLIMETRES, STREAMING, Client, FakeTracker
+from emscon_client import COVARIANCE_MM2, MILLIMETRES, Client, FakeTracker
 
-from drivers.wire.emscon_constants import Command, ResultStatus
+from drivers.wire.emscon_constants import Command
 from drivers.wire.emscon_messages import (
     ApproximateDistance,
     BeamTarget,
@@ -25,24 +25,6 @@ from sim.servers.emscon_instrument import EmsconInstrument
 @pytest.fixture
 def client():
     return Client()
-
-
-SETTINGS = {
-    "UNITS": Units(5, 2, 1, 6, 0),
-    "MEASUREMENT_MODE": Code(0),
-    "COORDINATE_SYSTEM_TYPE": Code(0),
-    "STATIONARY_MODE_PARAMS": StationaryMode(2500, 1),
-    "REFLECTOR": Code(7),
-    "SEARCH_PARAMS": SearchParams(0.25, 3000),
-    "STATISTIC_MODE": StatisticMode(1, 0),
-    "SYSTEM_SETTINGS": STREAMING,
-}
-
-
-@pytest.mark.parametrize("name", SETTINGS)
-def test_what_is_set_is_read_back(client, name):
-    assert client.status(Command[f"SET_{name}"], SETTINGS[name]) == ResultStatus.ALL_OK
-    assert client.ask(Command[f"GET_{name}"]).body == SETTINGS[name]
 
 
 REFUSED = [

@@ -3,21 +3,8 @@
 import struct
 
 import pytest
-from emscon_client import (
-    BUSY,
-    MILLIMETRES,
-    NOT_READY,
-    READY,
-    STREAMING,
-    Client,
-    FakeTracker,
-    ok,
-    refused,
-)
-from hypothesis import given
-from hypothesis import strategies as st
+from emscon_client import BUSY, NOT_READY, READY, STREAMING, Client, FakeTracker, ok, refused
 
-from drivers.errors import WireError
 from drivers.wire.emscon import UnknownRequest, encode
 from drivers.wire.emscon_constants import Command, ResultStatus, SystemChange
 from drivers.wire.emscon_messages import (
@@ -30,7 +17,6 @@ from drivers.wire.emscon_messages import (
     StatusChange,
     SystemStatus,
 )
-from sim.faults import Counted, Fault, FaultScript
 
 
 @pytest.fixture
@@ -102,54 +88,6 @@ def test_beam_break_ends_the_measurement_with_an_error_instead_of_a_result(clien
     assert client.later(5.0) == []
 
 
-def faulty_client(*faults):
-    """A client of a session with result faults: number of the result, kind, seconds."""
-    script = FaultScript([Fault(Counted.RESULT, *fault) for fault in faults], {})
-    client = Client(faults=script)
-    client.send(Command.SET_UNITS, MILLIMETRES)
-    return client
-
-
-def results(messages):
-    return [message for message in messages if isinstance(message, SingleResult)]
-
-
-def test_early_result_comes_with_the_answer():
-    client = faulty_client((2, "early", None))
-    assert len(results(client.measure())) == 1
-    assert len(results(client.send(Command.START_MEASUREMENT))) == 1
-    assert results(client.later(5.0)) == []
-
-
-def test_repeated_result_is_the_one_before():
-    client = faulty_client((2, "repeated", None))
-    (first,) = results(client.measure())
-    client.tracker.point_mm = (1.0, 2.0, 3.0)
-    assert results(client.measure()) == [first]
-    assert results(client.measure())[0].point == (1.0, 2.0, 3.0)
-
-
-def test_straggling_result_comes_after_its_measurement_has_failed_and_was_stopped():
-    client = faulty_client((1, "straggling", 3.0))
-    said = client.measure()
-    assert ErrorResponse(49, ResultStatus.NO_STATIONARY_RESULT) in said
-    assert results(said) == []
-    client.send(Command.STOP_MEASUREMENT)
-    assert client.session.next_due_s() == pytest.approx(client.now_s + 3.0)
-    assert results(client.later(2.9)) == []
-    assert len(results(client.later(0.1))) == 1
-    assert client.session.next_due_s() is None
-
-
-def test_units_that_somebody_else_sets_are_told_before_the_result_in_them():
-    client = faulty_client((1, "other_units", None))
-    said = client.measure()
-    (result,) = results(said)
-    assert said.index(StatusChange(SystemChange.UNITS)) < said.index(result)
-    assert result.point == (1.0, -2.0, 0.254)
-    assert client.ask(Command.GET_UNITS).body.length == 0
-
-
 def test_beam_break_between_measurements_is_told_unasked(client):
     client.send(Command.GET_UNITS)
     client.tracker.lose_the_beam()
@@ -211,13 +149,3 @@ def test_second_client_is_refused_every_command_and_disturbs_nothing():
     assert client.later(1.0) == []
     assert client.session.next_due_s() is None
     assert client.tracker.events() == ["warmed_up"]
-
-
-@given(st.sampled_from(Command), st.binary(max_size=60))
-def test_a_known_command_with_garbage_behind_it_is_answered_or_hung_up(command, body):
-    client = Client()
-    head = (12 + len(body)).to_bytes(4, "little") + bytes(4) + command.to_bytes(4, "little")
-    try:
-        client.session.received(head + body, 0.0)
-    except WireError:
-        return

@@ -55,15 +55,6 @@ def test_counting_goes_on_after_a_restart():
     assert FaultScript(faults, second.memory()).next(Counted.MOVE) is None
 
 
-def test_without_faults_messages_go_out_at_once_and_in_order():
-    talk = Talk()
-    talk.put(b"one", 0.0)
-    talk.put(b"two", 0.0)
-    assert talk.taken(0.0) == b"onetwo"
-    assert talk.conversation.size_bytes == 0
-    assert talk.conversation.next_due_s() is None
-
-
 def test_what_could_not_be_written_stays_first():
     talk = Talk()
     talk.put(b"abcdef", 0.0)
@@ -71,6 +62,28 @@ def test_what_could_not_be_written_stays_first():
     talk.conversation.gone(2)
     talk.put(b"gh", 0.0)
     assert talk.conversation.going() == b"cdefgh"
+
+
+GARBLED_MESSAGE = MESSAGE[:-1].translate(GARBLED) + b"\n"
+
+
+@pytest.mark.parametrize(
+    ("fault", "at_once", "later"),
+    [
+        (("silent", None), b"two", b""),
+        (("torn", None), b"01234two", b""),
+        (("torn", 2.0), b"01234", b"56789\ntwo"),
+        (("garbage", None), GARBLED_MESSAGE + b"two", b""),
+    ],
+)
+def test_a_fault_hits_one_message_and_the_next_one_follows_whole(fault, at_once, later):
+    talk = Talk((1, *fault))
+    talk.put(MESSAGE, 0.0)
+    talk.put(b"two", 0.0)
+    assert talk.taken(1.9) == at_once
+    assert talk.taken(2.0) == later
+    assert talk.conversation.size_bytes == 0
+    assert not set(GARBLED_MESSAGE[:-1]) & set(MESSAGE)
 
 
 @pytest.mark.parametrize(("seconds", "late_s"), [(5.0, 5.0), (None, LATE_S)])
@@ -81,30 +94,6 @@ def test_a_late_answer_holds_up_the_following_ones(seconds, late_s):
     assert talk.taken(10.0 + 0.99 * late_s) == b""
     assert talk.conversation.next_due_s() == 10.0 + late_s
     assert talk.taken(10.0 + late_s) == b"onetwo"
-
-
-def test_a_silent_answer_never_comes():
-    talk = Talk((1, "silent", None))
-    talk.put(b"one", 0.0)
-    talk.put(b"two", 0.0)
-    assert talk.taken(1e9) == b"two"
-
-
-def test_garbage_is_of_the_same_length_and_ends_the_line():
-    talk = Talk((1, "garbage", None))
-    talk.put(MESSAGE, 0.0)
-    data = talk.taken(0.0)
-    assert len(data) == len(MESSAGE)
-    assert data.endswith(b"\n")
-    assert data[:-1].translate(GARBLED) == MESSAGE[:-1]
-    assert not set(data[:-1]) & set(MESSAGE)
-
-
-def test_a_torn_answer_may_be_completed_later():
-    talk = Talk((1, "torn", 2.0))
-    talk.put(MESSAGE, 0.0)
-    assert talk.taken(1.9) == b"01234"
-    assert talk.taken(2.0) == b"56789\n"
 
 
 def test_close_ends_the_connection_after_what_was_said_before():
