@@ -10,7 +10,7 @@ are both allowed may be joined by a way that is not, so each move is sampled:
    straight between samples, and on straight lines between points of the way as well. A move that is
    commanded by pose may become any of these: which one is the controller's choice.
 3. A move that is not safe is replaced by a detour: through one pose or several between its ends and
-   the workspace's centre, the shortest first. The first that is safe throughout is taken.
+   the workspace's centre, few poses first. The first that is safe throughout is taken.
 
 What comes out is a list of joint targets, or the reason and place of the first fault.
 """
@@ -72,6 +72,18 @@ limits are not among them: between two values within an interval a joint stays w
 PASSING_VIOLATIONS = sum(REASONS)
 STRAIGHT_PARTS = (4, 8, 16)
 """Numbers of parts of the straight lines between two poses and the centre: tried last."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _SampledMoves:
+    """Moves with equal numbers of steps, and points on their coordinated ways."""
+
+    moves: Index
+    """Rows (G,) of the moves among those that are judged."""
+    points_mm: Array
+    """Points of the plate at both ends of each step, (G, K + 1, 3)."""
+    bulge_mm: Array
+    """Largest distance of the way from the chord of each step, (G, K)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +152,8 @@ class RobotModel:
         paths = [[end] if is_safe else None for end, is_safe in zip(stops[1:], safe, strict=True)]
         if safe.all():
             return paths
-        # 2. Detours lead by poses, so both ends need one. Each kind of detour, the shortest first,
-        #    is tried in one batch for all moves that are still blocked.
+        # 2. Detours lead by poses, so both ends need one. Each kind of detour is tried in one batch
+        #    for all moves that are still blocked.
         poses = self.kinematics.forward(stops)
         blocked = np.flatnonzero(~safe & poses.is_solved[:-1] & poses.is_solved[1:])
         for via in _detours(poses.values[:-1], poses.values[1:], self.centre):
@@ -208,27 +220,38 @@ class RobotModel:
         """Return the zone entered on each move (M, n), or on straight lines it may become."""
         # A move that `_fine_paths` does not yield cannot be assembled somewhere: its fault remains.
         faults: list[PathFault | None] = [(UNASSEMBLED, 0.0)] * len(starts)
-        space = self.space
-        for moves, points, bulge_mm in self._fine_paths(starts, ends):
-            # 1. Lines: the chords of the way itself, then its 1, 2, 4, 8 and 16 straight parts.
-            steps = bulge_mm.shape[1]
-            polylines = [points, *(points[:, :: steps // parts] for parts in PARTS)]
-            here = np.concatenate([line[:, :-1] for line in polylines], axis=1)
-            there = np.concatenate([line[:, 1:] for line in polylines], axis=1)
-            # 2. Clearance of each line from each zone, (G, L, Z). The way may bulge beyond its
-            #    chords, and has that much less; straight parts are exactly straight.
-            clearance = space.line_clearance_mm(here.reshape(-1, 3), there.reshape(-1, 3))
-            clearance = clearance.reshape(*here.shape[:2], -1)
-            clearance[:, :steps] -= bulge_mm[:, :, None]
-            # 3. What is needed: no clearance at all, or, where an end itself is a little beyond a
-            #    wall, no deeper than that end. A robot that stands there must be able to leave.
-            standing = space.clearance_mm(points[:, [0, -1]].reshape(-1, 3))
-            standing = standing.reshape(len(moves), 2, -1).min(axis=1)
-            least = np.clip(standing, -STANDING_MM, 0.0) - TOLERANCE_MM
-            entered = clearance < least[:, None]
-            for place, move in enumerate(moves.tolist()):
-                faults[move] = self._first_zone(clearance[place], entered[place], steps)
+        for sampled in self._fine_paths(starts, ends):
+            clearance_mm = self._clearance_mm(sampled)
+            entered = clearance_mm < self._least_clearance_mm(sampled)[:, None]
+            steps = sampled.bulge_mm.shape[1]
+            for row, move in enumerate(sampled.moves.tolist()):
+                faults[move] = self._first_zone(clearance_mm[row], entered[row], steps)
         return faults
+
+    def _clearance_mm(self, sampled: _SampledMoves) -> Array:
+        """Return the clearance of each line of moves from each zone, (G, L, Z).
+
+        Lines are the K chords of the way itself, then its 1, 2, 4, 8 and 16 straight parts.
+        """
+        points, steps = sampled.points_mm, sampled.bulge_mm.shape[1]
+        polylines = [points, *(points[:, :: steps // parts] for parts in PARTS)]
+        line_starts = np.concatenate([line[:, :-1] for line in polylines], axis=1)
+        line_ends = np.concatenate([line[:, 1:] for line in polylines], axis=1)
+        clearance_mm = self.space.line_clearance_mm(
+            line_starts.reshape(-1, 3), line_ends.reshape(-1, 3)
+        ).reshape(*line_starts.shape[:2], -1)
+        # The way may bulge beyond its chords, and has that much less; parts are exactly straight.
+        clearance_mm[:, :steps] -= sampled.bulge_mm[:, :, None]
+        return clearance_mm
+
+    def _least_clearance_mm(self, sampled: _SampledMoves) -> Array:
+        """Return the clearance from each zone that moves need, (G, Z)."""
+        # None at all; or, where an end itself is a little beyond a wall, no less than that end has:
+        # a robot that stands there must be able to leave.
+        ends = sampled.points_mm[:, [0, -1]]
+        standing_mm = self.space.clearance_mm(ends.reshape(-1, 3)).reshape(len(ends), 2, -1)
+        least_mm: Array = np.clip(standing_mm.min(axis=1), -STANDING_MM, 0.0) - TOLERANCE_MM
+        return least_mm
 
     def _first_zone(self, clearance_mm: Array, entered: Mask, steps: int) -> PathFault | None:
         """Return the first zone entered on lines (L, Z) of a move, its own steps first."""
@@ -243,11 +266,11 @@ class RobotModel:
         )
         return reason, row / steps if row < steps else 0.0
 
-    def _fine_paths(self, starts: Array, ends: Array) -> Iterator[tuple[Index, Array, Array]]:
-        """Yield points of coordinated moves (M, n), and how far these may be from their chords.
+    def _fine_paths(self, starts: Array, ends: Array) -> Iterator[_SampledMoves]:
+        """Yield coordinated moves (M, n), sampled so finely that they are nearly straight.
 
-        Moves with equal numbers of steps come together: their places in (M,), points (G, K + 1, 3)
-        and distances (G, K). Moves on which the mechanism cannot be assembled are left out.
+        Moves with equal numbers of steps come together. Moves on which the mechanism cannot be
+        assembled are left out.
         """
         # Steps are a multiple of 16, so that all of `PARTS` divide them.
         turn = np.abs(self.kinematics.comparable(ends - starts)).max(axis=1)
@@ -258,32 +281,39 @@ class RobotModel:
             count = int(steps[open_moves].min())
             group = open_moves[steps[open_moves] == count]
             group = group[: max(1, POINTS_AT_ONCE // (count + 1))]
-            part = np.linspace(0.0, 1.0, count + 1)[:, None]
-            joints = starts[group, None] + part * (ends - starts)[group, None]
-            solution = self.kinematics.forward(joints.reshape(-1, joints.shape[-1]))
-            assembled = solution.is_solved.reshape(len(group), -1).all(axis=1)
-            points = solution.values[:, :3].reshape(len(group), -1, 3)
-            # 2. A curve with second derivative c is at most c h² / 8 away from a chord over a step
-            #    h, and c h² is the second difference of points. Each chord takes the larger one of
-            #    its two ends.
-            second = np.linalg.norm(np.diff(points, 2, axis=1), axis=2)
-            around = np.maximum(
-                np.concatenate([second[:, :1], second], axis=1),
-                np.concatenate([second, second[:, -1:]], axis=1),
-            )
-            bulge_mm = CURVATURE_RESERVE * around / 8.0
-            # 3. Yield what is flat enough, or halved often enough: either way its bulge counts.
+            points_mm, is_assembled = self._points_on(starts[group], ends[group], count)
+            bulge_mm = _bulge_mm(points_mm)
+            # 2. Yield what is flat enough, or halved often enough: either way its bulge counts.
             is_last = count >= first_steps[group] * 2 ** (HALVINGS - 1)
-            fine = assembled & (is_last | (bulge_mm.max(axis=1) <= FLAT_MM))
-            if fine.any():
-                yield group[fine], points[fine], bulge_mm[fine]
-            # 4. Halve the steps of the others, and drop moves that cannot be assembled.
-            steps[group[~fine]] *= 2
-            open_moves = np.setdiff1d(open_moves, group[fine | ~assembled])
+            is_fine = is_assembled & (is_last | (bulge_mm.max(axis=1) <= FLAT_MM))
+            if is_fine.any():
+                yield _SampledMoves(group[is_fine], points_mm[is_fine], bulge_mm[is_fine])
+            # 3. Halve the steps of the others, and drop moves that cannot be assembled.
+            steps[group[~is_fine]] *= 2
+            open_moves = np.setdiff1d(open_moves, group[is_fine | ~is_assembled])
+
+    def _points_on(self, starts: Array, ends: Array, steps: int) -> tuple[Array, Mask]:
+        """Return points (G, K + 1, 3) on moves (G, n) in K steps, and which can be assembled."""
+        part = np.linspace(0.0, 1.0, steps + 1)[:, None]
+        joints = starts[:, None] + part * (ends - starts)[:, None]
+        solution = self.kinematics.forward(joints.reshape(-1, joints.shape[-1]))
+        is_assembled = np.asarray(solution.is_solved.reshape(len(starts), -1).all(axis=1))
+        return solution.values[:, :3].reshape(len(starts), -1, 3), is_assembled
+
+
+# A curve with second derivative c is at most c h² / 8 away from a chord over a step h, and c h² is
+# the second difference of points. Each chord takes the larger one of its two ends.
+def _bulge_mm(points_mm: Array) -> Array:
+    """Return how far ways through points (G, K + 1, 3) may be from each of their chords, (G, K)."""
+    second = np.linalg.norm(np.diff(points_mm, 2, axis=1), axis=2)
+    at_start = np.concatenate([second[:, :1], second], axis=1)
+    at_end = np.concatenate([second, second[:, -1:]], axis=1)
+    bulge_mm: Array = CURVATURE_RESERVE * np.maximum(at_start, at_end) / 8.0
+    return bulge_mm
 
 
 def _detours(starts: Array, ends: Array, centre: Array) -> list[Array]:
-    """List poses (K, …, t) to pass by between poses (…, t), the shortest detour first."""
+    """List poses (K, …, t) to pass by between poses (…, t), one list a detour, few poses first."""
     # 1. By one pose: the middle of both, drawn more and more towards the centre.
     # 2. By both ends drawn towards the centre, without and with the centre itself between them.
     # 3. By many poses on straight lines, to the other end or by the centre: in short legs the

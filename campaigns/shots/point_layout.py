@@ -353,46 +353,60 @@ def _order_by_runs(lines: Sequence[Line], separator: str, form: PointFormat) -> 
 
     Of four numbers the first is a name if it is a whole number in every line.
     """
-    # 1. Every line must have its numbers in the columns of the first line's.
     table = [split_line(line.text, separator) for line in lines]
-    runs = [_run_of_numbers(cells) for cells in table]
+    where = lines[0].where
+    names, numbers = _common_run(lines, table, form)
+    if numbers == len(AXES) + 1 and all(_WHOLE.fullmatch(cells[names]) for cells in table):
+        _check_split_numbers(table, names, separator, where, form)
+        names += 1
+    elif numbers > len(AXES):
+        raise ShotsInvalid(
+            f"{where}: {numbers} numbers in a row, X Y Z are three", remedy=form.columns_remedy
+        )
+    if names > MOST_NAME_PARTS:
+        raise ShotsInvalid(
+            f"{where}: {names} words before X Y Z, a name has at most {MOST_NAME_PARTS}",
+            remedy=form.columns_remedy,
+        )
+    return (*["name"] * names, *AXES)
+
+
+def _common_run(
+    lines: Sequence[Line], table: Sequence[Sequence[str]], form: PointFormat
+) -> tuple[int, int]:
+    """Return start and length of the run of numbers that all lines, cut into cells, have.
+
+    Raise `ShotsInvalid` for a line without one, or with its numbers in other columns.
+    """
     first = lines[0]
-    for run, line in zip(runs, lines, strict=True):
-        if run is None:
+    common = _run_of_numbers(table[0])
+    for line, cells in zip(lines, table, strict=True):
+        run = _run_of_numbers(cells)
+        if common is None or run is None:
             raise _no_point(line)
-        if run != runs[0]:
+        if run != common:
             raise ShotsInvalid(
                 f"{line.where}: '{shown(line.text)}' has other columns than line "
                 f"{first.where.rpartition(':')[2]}, '{shown(first.text)}'",
                 remedy="correct the line, export with commas if names hold blanks, or "
                 f"{form.columns_remedy}",
             )
-    # 2. Four numbers, the first whole everywhere: points are numbered. But where commas or blanks
-    #    separate, a name and a number may be halves of one number, as `2,927.032`.
-    start, numbers = runs[0] or (0, 0)
-    names_are_numbers = numbers == len(AXES) + 1 and all(
-        _WHOLE.fullmatch(cells[start]) for cells in table
-    )
-    if names_are_numbers and separator in {",", ""} and start:
-        joined = [(separator or " ").join(cells[start : start + 2]) for cells in table]
-        if all(map(GROUPED.fullmatch, joined)):
-            raise ShotsInvalid(
-                f"{first.where}: '{joined[0]}' may be a number with a thousands separator",
-                remedy=f"export without thousands separators; else {form.columns_remedy}",
-            )
-    # 3. Whatever stands before X Y Z is the name, within reason; more numbers need columns.
-    names = start + 1 if names_are_numbers else start
-    if numbers > len(AXES) and not names_are_numbers:
+    return common or (0, 0)
+
+
+def _check_split_numbers(
+    table: Sequence[Sequence[str]], names: int, separator: str, where: str, form: PointFormat
+) -> None:
+    """Raise `ShotsInvalid` if a word and the number behind it may be halves of one number."""
+    # Where commas or blanks separate, `p1,2,927.032,…` is point p1::2, or 2927.032 in p1.
+    if separator not in {",", ""} or not names:
+        return
+    joined = [(separator or " ").join(cells[names : names + 2]) for cells in table]
+    if all(map(GROUPED.fullmatch, joined)):
         raise ShotsInvalid(
-            f"{first.where}: {numbers} numbers in a row, X Y Z are three",
-            remedy=form.columns_remedy,
+            f"{where}: '{joined[0]}' may be a number with a thousands separator",
+            remedy=f"export without thousands separators; else {form.columns_remedy}",
         )
-    if names > MOST_NAME_PARTS:
-        raise ShotsInvalid(
-            f"{first.where}: {names} words before X Y Z, a name has at most {MOST_NAME_PARTS}",
-            remedy=form.columns_remedy,
-        )
-    return (*["name"] * names, *AXES)
 
 
 def _check_other_headings(header: Line, row: Line, layout: Layout, form: PointFormat) -> None:

@@ -12,7 +12,7 @@ of them are recognised; which one counts is for the caller to say.
 
 import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -104,48 +104,56 @@ def possible_splits(line: str) -> Iterator[tuple[str, tuple[str, ...]]]:
             yield separator, split_line(line, separator)
 
 
-# 1. Words: runs of letters or of digits. `coordX` is two words, `Xmm` and `σx` are axis and rest.
-#    Case matters for one word alone: U is an expanded uncertainty, u a standard one. `in` is inch,
-#    unless another unit stands beside it.
-# 2. Meanings of the words, and the words without one.
-# 3. The role: a coordinate or its uncertainty if all words have a meaning and one is an axis.
 def parse_heading(text: str) -> Heading:
     """Return what a heading means: `X`, `x_mm`, `"X  [mm]"`, `Y act`, `U(95) Z [mm]`, `σx`."""
+    words = _heading_words(text)
+    meanings = {_WORD_MEANINGS[word] for word in words if word in _WORD_MEANINGS}
+    axes = [axis for axis in AXES if axis in meanings]
+    units: list[LengthUnit] = [unit for unit in MM_PER_UNIT if unit in meanings]
+    unknown = [word for word in words if word not in _WORD_MEANINGS]
+    if len(units) > 1:
+        unknown.append(" ".join(units))
+    axis = axes[0] if len(axes) == 1 else ""
+    is_coordinate = bool(axis) and not unknown
+    return Heading(
+        text=text,
+        words=words,
+        axis=axis,
+        role=_uncertainty_prefix(meanings) + axis if is_coordinate else _role_of_words(words),
+        coordinates=next((word for word in get_args(Coordinates) if word in meanings), ""),
+        unit=units[0] if len(units) == 1 else None,
+        unknown=unknown[0] if unknown else "",
+    )
+
+
+def _heading_words(text: str) -> tuple[str, ...]:
+    """Cut a heading into words: runs of letters or of digits, an axis glued to others cut off."""
     words: list[str] = []
     for word in _WORD.findall(re.sub(r"(?<=[a-z])(?=[XYZ]\b)", " ", text)):  # coordX, dX
-        glued = _AXIS_WORD.fullmatch(word)
+        glued = _AXIS_WORD.fullmatch(word)  # Xmm, σx
         if glued and (not glued[3] or glued[3].lower() in _WORD_MEANINGS):
             words += [part for part in glued.groups() if part]
         else:
             words.append(word)
+    # Case matters for one word alone: U is an expanded uncertainty, u a standard one.
     words = [word if word == "U" else word.lower() for word in words]
     if "in" in words and len(_UNIT_WORDS.intersection(words)) > 1:
-        words.remove("in")  # `X in mm`
-    meanings = {_WORD_MEANINGS[word]: word for word in words if word in _WORD_MEANINGS}
-    axes = [axis for axis in AXES if axis in meanings]
-    units: list[LengthUnit] = [unit for unit in MM_PER_UNIT if unit in meanings]
-    sets = [coordinates for coordinates in get_args(Coordinates) if coordinates in meanings]
-    unknown = [word for word in words if word not in _WORD_MEANINGS]
-    if len(units) > 1:
-        unknown.append(" ".join(units))
-    role = "-"
-    if len(axes) == 1 and not unknown:
-        # `U(95)` has the words U and 95, both of an expanded uncertainty
-        kind = "u" if "expanded" in meanings else "s" if "sigma" in meanings else ""
-        role = f"{kind}{axes[0]}"
-    elif words and _TIME_WORDS.issuperset(words):
-        role = "time"
-    elif " ".join(words) in (*_GROUP_HEADINGS, *_NAME_HEADINGS):
-        role = "name"
-    return Heading(
-        text=text,
-        words=tuple(words),
-        axis=axes[0] if len(axes) == 1 else "",
-        role=role,
-        coordinates=sets[0] if sets else "",
-        unit=units[0] if len(units) == 1 else None,
-        unknown=unknown[0] if unknown else "",
-    )
+        words.remove("in")  # inch, unless another unit stands beside it: `X in mm`
+    return tuple(words)
+
+
+def _uncertainty_prefix(meanings: Set[str]) -> str:
+    """Return the letter before the axis in the role of an uncertainty; "" for a coordinate."""
+    if "expanded" in meanings:  # also `U(95)`, of which both words have this meaning
+        return "u"
+    return "s" if "sigma" in meanings else ""
+
+
+def _role_of_words(words: Sequence[str]) -> str:
+    """Return the role of a column that is no coordinate: `time`, `name`, or `-` for unused."""
+    if words and _TIME_WORDS.issuperset(words):
+        return "time"
+    return "name" if " ".join(words) in (*_GROUP_HEADINGS, *_NAME_HEADINGS) else "-"
 
 
 def parse_headings(line: str, separator: str) -> list[Heading]:

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from importlib import import_module
 from io import StringIO
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,6 +44,23 @@ TAKEN_UP_RAD = float(np.radians(5.0 / 60.0))
 """Way, of a crank or what compares, after which a joint has taken up its gear's lost motion."""
 AT_REST_RAD = float(np.radians(0.005))
 """Largest difference between readings of a joint that stands still."""
+
+
+class OptionalColumns(TypedDict, total=False):
+    """Columns of `Shots.of` that may be left out."""
+
+    sets: Sequence[str] | str
+    """Sets of the shots, as in shots.csv: one word for all, or one for each shot. Left out: all are
+    for identification."""
+    pairs: Sequence[int | None] | None
+    """Number of each shot's pair, from 0; None for a single shot."""
+    covariance_mm2: ArrayLike | None
+    """Covariances of the points, (N, 3, 3), or (3, 3) for all; where they are missing or NaN, the
+    instrument's is taken."""
+    approach: ArrayLike | None
+    """Sign of each joint's last motion (N, n), 0 where unknown."""
+    times: Sequence[str] | None
+    """Time of each shot, as in shots.csv."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -110,12 +127,7 @@ class Shots:
         joints: ArrayLike,
         points_in_tracker_mm: ArrayLike,
         robot: RobotFile,
-        *,
-        sets: Sequence[str] | str = "identification",
-        pairs: Sequence[int | None] | None = None,
-        covariance_mm2: ArrayLike | None = None,
-        approach: ArrayLike | None = None,
-        times: Sequence[str] | None = None,
+        **columns: Unpack[OptionalColumns],
     ) -> "Shots":
         """Make shots of a robot from arrays.
 
@@ -123,17 +135,14 @@ class Shots:
             joints: Encoder readings (N, n), rad or mm.
             points_in_tracker_mm: Measured points (N, 3) in the tracker's frame, mm.
             robot: The nominal robot.
-            sets: Sets of the shots, as in shots.csv: one word for all, or one for each shot.
-            pairs: Number of each shot's pair, from 0; None for a single shot.
-            covariance_mm2: Covariances of the points, (N, 3, 3), or (3, 3) for all; where they are
-                missing or NaN, the instrument's is taken.
-            approach: Sign of each joint's last motion (N, n), 0 where unknown.
-            times: Time of each shot, as in shots.csv.
+            columns: Any of `sets`, `pairs`, `covariance_mm2`, `approach` and `times`, as
+                `OptionalColumns` explains them.
 
         Returns:
             The shots, for `identify`.
 
         Raises:
+            TypeError: A column has another name.
             ValueError: An array has the wrong shape; the message names it.
             ShotsInvalid: A row has values that no shot can have; the message names the row.
 
@@ -141,28 +150,34 @@ class Shots:
             >>> robot = find_robot("delta")
             >>> shots = Shots.of(joints_rad, points_mm, robot, pairs=[0, 0, 1, 1])
         """
+        if unknown := columns.keys() - OptionalColumns.__annotations__.keys():
+            raise TypeError(f"Shots.of has no columns {', '.join(sorted(unknown))}")
         names = [axis.name for axis in robot.mechanism.joints]
         rows = batch(joints, names, "joints")
         points, count = batch(points_in_tracker_mm, AXES, "points"), len(rows)
         _require_finite(rows, names)
         _require_finite(points, AXES)
-        stated = _stated_of_arrays(covariance_mm2, count)
+        stated = _stated_of_arrays(columns.get("covariance_mm2"), count)
+        approach = columns.get("approach")
         sides = np.zeros(rows.shape) if approach is None else batch(approach, names, "approach")
-        words = [sets] * count if isinstance(sets, str) else sets
-        purposes = tuple(map(ShotSet, words))
-        pair_of = [None] * count if pairs is None else pairs
-        numbers = tuple(None if pair is None else int(pair) for pair in pair_of)
-        _require_pairs(purposes, numbers)
+        sets = columns.get("sets", ShotSet.IDENTIFICATION.value)
+        purposes = tuple(map(ShotSet, [sets] * count if isinstance(sets, str) else sets))
+        pair_of = columns.get("pairs")
+        pairs = tuple(
+            None if pair is None else int(pair)
+            for pair in ([None] * count if pair_of is None else pair_of)
+        )
+        _require_pairs(purposes, pairs)
         return cls(
             numbers=tuple(range(count)),
             purposes=purposes,
-            pairs=numbers,
+            pairs=pairs,
             joints=rows,
             points_in_tracker_mm=points,
             stated_covariance_mm2=stated,
             approach=sides,
             commanded=robot.kinematics.forward(rows).values,
-            measured_utc=tuple(times or [""] * count),
+            measured_utc=tuple(columns.get("times") or [""] * count),
             temperature_degC=np.full(count, np.nan),
         )
 
@@ -239,7 +254,7 @@ class Shots:
         return distances_mm(self.points_in_tracker_mm, rows[:, 0], rows[:, 1])
 
 
-COLUMNS = tuple(each.name for each in fields(Shots))
+COLUMNS = tuple(column.name for column in fields(Shots))
 
 
 def _require_finite(values: Array, columns: Sequence[str]) -> None:
@@ -285,7 +300,7 @@ def _require_pairs(purposes: Sequence[ShotSet], pairs: Sequence[int | None]) -> 
             raise ShotsInvalid(
                 f"pair {pair} has {len(of_pair)} shots, rows {', '.join(first)} and {last}, must "
                 "be two",
-                remedy="number each pair anew",
+                remedy="number the pairs again",
             )
 
 
@@ -317,8 +332,8 @@ def held_out(shots: Shots, share: float, rng: np.random.Generator) -> Shots:
     #    both exist, and would become one pair of four shots.
     used = {pair for pair in shots.pairs if pair is not None}
     pairs = list(shots.pairs)
-    for number, pair_rows_ in enumerate(rows.tolist(), start=max(used, default=0) + 1):
-        for row in pair_rows_:
+    for number, both in enumerate(rows.tolist(), start=max(used, default=0) + 1):
+        for row in both:
             if purposes[row] is ShotSet.VALIDATION:
                 pairs[row] = number
     return replace(shots, purposes=tuple(purposes), pairs=tuple(pairs))
@@ -401,10 +416,10 @@ def shots_of_outcomes(
     in_journal = tuple(records) if all(records) else ()
     order = sorted(range(count), key=in_journal.__getitem__) if in_journal else range(count)
     return Shots(
-        numbers=tuple(each.shot for each in outcomes),
+        numbers=tuple(outcome.shot for outcome in outcomes),
         purposes=tuple(purposes),
         pairs=tuple(pairs),
-        joints=_with_gaps([each.joints for each in outcomes], joints),
+        joints=_with_gaps([outcome.joints for outcome in outcomes], joints),
         points_in_tracker_mm=_points_mm(outcomes),
         stated_covariance_mm2=_stated_covariance_mm2(outcomes),
         approach=approach_directions(outcomes, order, mechanism.joints),
@@ -413,10 +428,10 @@ def shots_of_outcomes(
         ),
         measured_utc=("",) * count,
         temperature_degC=_or_nan(
-            o.weather.temperature_degC if o.weather else None for o in outcomes
+            outcome.weather.temperature_degC if outcome.weather else None for outcome in outcomes
         ),
         records=in_journal,
-        part_temperature_degC=_or_nan(each.part_temperature_degC for each in outcomes),
+        part_temperature_degC=_or_nan(outcome.part_temperature_degC for outcome in outcomes),
     )
 
 
@@ -485,7 +500,7 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
 
 def _with_gaps(joints: Sequence[tuple[float, ...]], count: int) -> Array:
     """Return joints (N, count); NaN of shots without the robot, which have ()."""
-    return np.array([each or (np.nan,) * count for each in joints]).reshape(-1, count)
+    return np.array([row or (np.nan,) * count for row in joints]).reshape(-1, count)
 
 
 # Lost motion of a gear makes a joint stand on one side of its play or the other, by the direction
@@ -549,7 +564,7 @@ def _or_nan(values: Iterable[float | None]) -> Array:
 def _stated_covariance_mm2(shots: Sequence[Outcome] | Sequence[ShotRow]) -> Array:
     """Return the covariance that the tracker stated of each point, (N, 3, 3); NaN for none."""
     unknown = np.full((3, 3), np.nan)
-    stated = [unknown if each.covariance_mm2 is None else each.covariance_mm2 for each in shots]
+    stated = [unknown if shot.covariance_mm2 is None else shot.covariance_mm2 for shot in shots]
     return np.array(stated, dtype=np.float64).reshape(-1, 3, 3)
 
 
