@@ -42,19 +42,12 @@ def test_other_words_are_not_taken_for_removed_ones(typed):
 def test_command_line_refuses_a_removed_name_with_its_remedy(pkmcal):
     code, out, err = pkmcal("juggle", "c")
     assert (code, out, err) == (2, "", "pkmcal: 'juggle' was removed → read the report\n")
-    code, _, err = pkmcal("plan", "c", "--spin")
-    assert (code, err) == (
-        2, "pkmcal: 'plan --spin' was removed → move place_mm and plan again\n"
-    )  # fmt: skip
 
 
-def test_key_of_a_file_has_its_remedy_and_so_has_a_value():
+def test_former_default_of_a_removed_key_is_dropped_and_any_other_value_has_its_remedy():
     assert removed_in_file("tracker.two_faces", value=True) == "use the tracker's own routine"
     assert removed_in_file("tracker.driver", "geocom") == "use pointline"
     assert removed_in_file("tracker.driver", "emscon") is None
-
-
-def test_former_default_of_a_removed_key_is_dropped_and_any_other_value_stays():
     contents = {"tracker": {"two_faces": False, "url": "x"}, "advice": None}
     drop_former_defaults(contents)
     assert contents == {"tracker": {"url": "x"}}

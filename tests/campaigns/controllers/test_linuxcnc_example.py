@@ -32,9 +32,11 @@ def test_calibration_of_the_example_is_the_nominal_robot(variant):
 
 
 @pytest.mark.parametrize("variant", ROBOTS)
-def test_example_has_the_robots_joints_with_room_to_pass_their_limits(variant):
+def test_example_has_the_robots_kinematics_and_joints_with_room_to_pass_their_limits(variant):
     robot, settings = find_robot(ROBOTS[variant]).robot, ini(variant)
-    joints = robot.mechanism.joints
+    mechanism, joints = robot.mechanism, robot.mechanism.joints
+    assert settings["KINS"]["KINEMATICS"] == f"pkmkins type={mechanism.name}"
+    assert settings["TRAJ"]["COORDINATES"] == ("XYZC" if len(mechanism.task) > 3 else "XYZ")
     assert int(settings["KINS"]["JOINTS"]) == len(joints)
     assert f"JOINT_{len(joints)}" not in settings
     for number, joint in enumerate(joints):
@@ -43,15 +45,6 @@ def test_example_has_the_robots_joints_with_room_to_pass_their_limits(variant):
         assert section["TYPE"] == ("ANGULAR" if joint.is_revolute else "LINEAR")
         assert float(section["MIN_LIMIT"]) <= low - PASSING[joint.unit]
         assert float(section["MAX_LIMIT"]) >= high + PASSING[joint.unit]
-
-
-@pytest.mark.parametrize("variant", ROBOTS)
-def test_kinematics_of_the_example_is_the_robots_mechanism(variant):
-    mechanism = find_robot(ROBOTS[variant]).robot.mechanism
-    settings = ini(variant)
-    assert settings["KINS"]["KINEMATICS"] == f"pkmkins type={mechanism.name}"
-    turns = len(mechanism.task) > len("XYZ")
-    assert settings["TRAJ"]["COORDINATES"] == ("XYZC" if turns else "XYZ")
 
 
 @pytest.mark.parametrize("name", MECHANISMS)

@@ -8,7 +8,7 @@ from par4_space import with_values
 
 from campaigns.controllers import linuxcnc_export
 from campaigns.controllers.active_kinematics import FILE_BEFORE, HeldParameters
-from campaigns.errors import ConfigInvalid, OutputExists
+from campaigns.errors import ConfigInvalid
 from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import find_robot
@@ -59,15 +59,6 @@ def test_heading_says_whose_it_is_and_where_it_comes_from_in_lines_that_halcmd_t
     assert '# unseen_mm: {"after": 0.02}' in text
     text = text_of(replace(NOMINAL, provenance={"reasons": "because " * 100}))
     assert max(map(len, text.splitlines())) < 200
-
-
-def test_export_does_not_overwrite_unasked(tmp_path):
-    path = tmp_path / "calib.hal"
-    linuxcnc_export.write_hal(path, NOMINAL, "PAR4-7", overwrite=False)
-    with pytest.raises(OutputExists):
-        linuxcnc_export.write_hal(path, NOMINAL, "PAR4-7", overwrite=False)
-    linuxcnc_export.write_hal(path, with_values(NOMINAL, TILTED), "PAR4-7", overwrite=True)
-    assert "axis_tilt" in path.read_text()
 
 
 def test_typed_parameters_are_the_nominal_ones_until_others_are_written(tmp_path):
