@@ -10,7 +10,7 @@ from sim.robot.driven_robot import SeenReflector
 from sim.robot.rods import rotation
 from sim.tracker.beam import Beam, Target
 from sim.tracker.instrument import SimulatedTracker, TrackerState
-from sim.tracker.optics import Noise, TrackerPose
+from sim.tracker.optics import Limit, Noise, TrackerPose
 from sim.tracker.section import Air, SimulatedReflector, TrackerSection
 
 STATION = TrackerPose(np.array([2000.0, -1500.0, -200.0]), rotation(-0.04, 0.07, 2.4))
@@ -19,6 +19,11 @@ REFLECTORS = (
     SimulatedReflector(id=3, name="CCR-75mm", surface_offset_mm=37.5),
 )
 QUIET = Noise.model_construct(coordinate_mm=0.0)
+SPHERICAL = Noise(
+    along=Limit(constant_um=10.0, per_metre_um=0.3),
+    azimuth=Limit(constant_um=15.0, per_metre_um=6.0),
+    elevation=Limit(constant_um=20.0, per_metre_um=7.0),
+)
 STANDING_MM = np.array([600.0, 300.0, -400.0])
 
 

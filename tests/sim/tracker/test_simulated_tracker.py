@@ -4,18 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from tracker_stage import STATION, Stage, measured, seen_mm, tracker
+from tracker_stage import SPHERICAL, STATION, Stage, measured, seen_mm, tracker
 
 from sim.faults import Counted, Fault
 from sim.random_streams import WorkedTime
-from sim.tracker.optics import Limit, Noise
-
-
-def limit(constant_um, per_metre_um):
-    return Limit(constant_um=constant_um, per_metre_um=per_metre_um)
-
-
-SPHERICAL = Noise(along=limit(10.0, 0.3), azimuth=limit(15.0, 6.0), elevation=limit(20.0, 7.0))
 
 
 def test_a_shot_is_the_reflector_in_the_trackers_own_frame():
