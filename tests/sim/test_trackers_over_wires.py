@@ -8,7 +8,7 @@ import pytest
 
 from drivers.declaration import Surroundings
 from drivers.emscon.tracker import EmsconTracker
-from drivers.errors import BeamBroken, DeviceNotReady, DriverError
+from drivers.errors import BeamBroken, DriverError
 from drivers.pointline import PointlineTracker
 from drivers.ports import SystemClock
 from drivers.transport import opener_of
@@ -21,6 +21,7 @@ from sim.servers.server import CellServer
 from sim.sessions import tracker_sessions
 
 CCR = "CCR-1.5in"
+SCENARIO = load_scenario("realistic")
 FAULTS_AT = {"emscon": (50, 51, 103, 104, 156, 157), "pointline": (5, 9)}
 """Two of an emScon in a row: one of them alone may be an event, which nobody waits for."""
 DRIVERS = {"emscon": EmsconTracker, "pointline": PointlineTracker}
@@ -28,9 +29,8 @@ both = pytest.mark.parametrize("speaks", DRIVERS)
 
 
 def cell_of(faults=(), **tracker):
-    scenario = load_scenario("realistic")
-    changed = scenario.tracker.model_copy(update=tracker)
-    return Cell(scenario.model_copy(update={"tracker": changed, "faults": tuple(faults)}))
+    section = SCENARIO.tracker.model_copy(update=tracker)
+    return Cell(SCENARIO.model_copy(update={"tracker": section, "faults": tuple(faults)}))
 
 
 @contextmanager
@@ -106,20 +106,6 @@ def test_reflector_that_is_not_there_is_a_broken_beam_until_it_is_found(speaks):
             tracker.measure()
         tracker.go_to((x, y, z))
         assert tracker.measure()
-
-
-@both
-def test_nothing_is_measured_or_moved_before_it_is_prepared(speaks):
-    with in_memory(speaks) as (cell, connected):
-        tracker = connected()
-        for call in (
-            tracker.measure,
-            lambda: tracker.go_to(tuple(place_mm(cell))),
-            lambda: tracker.find_reflector(2000.0),
-        ):
-            with pytest.raises(DeviceNotReady, match="not prepared"):
-                call()
-        assert not cell.tracker.taken
 
 
 @both

@@ -17,10 +17,6 @@ class Followed:
         self.cell = Cell(load_scenario("paper-simulation"))
         self.robot, self.controller = self.cell.robot, self.cell.controller
 
-    @property
-    def worked_s(self):
-        return self.cell.memory()["worked_s"]
-
     def told(self, joints):
         self.controller.follow(joints)
         return self.controller.state(0.0)
@@ -38,13 +34,6 @@ def test_joints_that_are_told_are_where_the_robot_arrives(followed):
     arrived = followed.robot.standing
     followed.controller.encoders(1.0)
     assert followed.robot.standing is arrived
-
-
-def test_arm_works_for_the_way_it_goes(followed):
-    followed.told(CENTRE)
-    before_s = followed.worked_s
-    followed.told(CENTRE + np.radians([18.0, 0.0, 0.0, 0.0]))
-    assert followed.worked_s - before_s == pytest.approx(0.1)
 
 
 def test_joints_that_jump_where_no_straight_way_leads_are_reached_all_the_same(followed):

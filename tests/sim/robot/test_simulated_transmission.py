@@ -40,21 +40,6 @@ def test_a_ratio_and_a_screw_are_off_along_the_way():
     assert np.abs(off[::100, 2]).max() < 1e-9
 
 
-def test_a_motors_encoder_ripples_once_in_each_of_its_turns_from_a_place_of_its_own():
-    gears = replace(
-        Transmission.perfect(3),
-        ripple=np.full(3, 5e-5),
-        ripple_phase_rad=np.array([0.0, 1.0, 2.0]),
-        motor_rad=30.0,
-    )
-    off = gears.joints(ANGLES[:-1]) - ANGLES[:-1]
-    assert np.abs(off).max(axis=0) == pytest.approx(np.full(3, 5e-5), rel=0.01)
-    periods = np.fft.rfft(off, axis=0)
-    assert np.abs(periods).argmax(axis=0).tolist() == [30, 30, 30]
-    phases = np.angle(periods[30])
-    assert np.diff(phases) % (2.0 * np.pi) == pytest.approx([2.0 * np.pi - 1.0] * 2, abs=1e-6)
-
-
 @pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
 def test_torques_of_the_weight_are_the_plates_rise(member):
     """By virtual work, against plates that have settled a little beside."""

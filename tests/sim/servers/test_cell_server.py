@@ -11,7 +11,6 @@ from urllib.parse import urlsplit
 import pytest
 from timed_pipe import HandClock
 
-from drivers.errors import WireError
 from sim.clock import ScaledClock
 from sim.errors import SimError
 from sim.faults import Counted, Fault, FaultScript
@@ -41,8 +40,6 @@ class Echo:
             self.due_s = now_s + 1.0
         elif data == b"count":
             self.send(b"%d" % self.already_open)
-        elif data == b"hang up":
-            raise WireError("no such word")
         elif data == b"break":
             raise ZeroDivisionError("broken session")
         elif data == b"look away":
@@ -138,14 +135,6 @@ def test_too_many_clients_are_turned_away():
         assert asked(clients[0], b"y") == b"y"
         for client in clients:
             client.close()
-
-
-def test_a_session_can_hang_up_on_garbage():
-    with Bench() as bench:
-        with bench.client() as client:
-            assert asked(client, b"hang up") == b""
-        with bench.client() as client:
-            assert asked(client, b"hello") == b"hello"
 
 
 def test_a_client_that_never_reads_is_dropped_and_the_others_served():

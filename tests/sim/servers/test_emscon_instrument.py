@@ -75,11 +75,6 @@ def test_reflectors_come_one_packet_each_in_the_clients_unit(client):
     assert [e.surface_offset for e in entries] == pytest.approx([0.75, 37.5 / 25.4])
 
 
-def test_no_reflectors_is_one_packet_that_says_none(client):
-    client.tracker.reflectors = ()
-    assert client.ask(Command.GET_REFLECTORS).body.total == 0
-
-
 def covariance_mm2(client):
     """The covariance of a shot at the reflector's place."""
     spread_mm = SPHERICAL.spread_mm(np.array(client.place_mm))

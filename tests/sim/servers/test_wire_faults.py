@@ -1,4 +1,4 @@
-"""Scripted faults: counted over restarts, each once, and what each does to a message."""
+"""Scripted faults of the wire: what each does to a message."""
 
 import pytest
 from timed_pipe import HandClock
@@ -44,15 +44,6 @@ class Talk:
         data = self.conversation.going()
         self.conversation.gone(len(data))
         return data
-
-
-def test_counting_goes_on_after_a_restart():
-    faults = [Fault(Counted.MOVE, 2, "stall", None)]
-    first = FaultScript(faults, {})
-    first.next(Counted.MOVE)
-    second = FaultScript(faults, first.memory())
-    assert second.next(Counted.MOVE) is not None
-    assert FaultScript(faults, second.memory()).next(Counted.MOVE) is None
 
 
 def test_what_could_not_be_written_stays_first():

@@ -50,11 +50,6 @@ def test_the_covariance_is_that_of_a_spherical_instrument():
     assert spread @ spread.T == pytest.approx(jacobian @ angles @ jacobian.T, rel=1e-12, abs=1e-15)
 
 
-def test_straight_up_has_a_covariance_too():
-    spread = SPHERICAL.spread_mm(np.array([0.0, 0.0, 1000.0]))
-    assert np.linalg.matrix_rank(spread) == 3
-
-
 def test_a_shot_repeats_for_seed_target_and_attempt_only():
     def shots(seed, target=None):
         stage = Stage()
