@@ -7,6 +7,9 @@ from benchmarks import size, style
 BREACHES, CEILINGS = style.breaches(), size.ceilings("style")
 EXAMPLES = 12
 
+COMMENTS = range(25, 61)
+"""Comments per 1 000 lines with which the models of this field explain themselves."""
+
 BAD = """def f(a, b, c, d, e, g, h) -> tuple[int, str, float]:
     \"\"\"What nobody is told anew, as fast as light.\"\"\"
     found = [each for each in a]  # the size that is none
@@ -30,3 +33,8 @@ def test_every_rule_sees_its_example(tmp_path):
     file.write_text(BAD, encoding="utf-8")
     rules = [breach.rule for breach in style.breaches_in(file)]
     assert [rules.count(rule) for rule in style.RULES] == [5, 1, 1, 1]
+
+
+@pytest.mark.parametrize(("room", "rate"), style.comments_by_room().items())
+def test_each_room_explains_itself_and_no_more(room, rate):
+    assert int(rate) in COMMENTS
