@@ -33,11 +33,3 @@ def evaluation(whole: "PaperCampaign") -> "Evaluation":
     from campaigns.evidence import evaluate
 
     return evaluate(whole.campaign)
-
-
-@pytest.fixture(scope="session")
-def by_distances(tmp_path_factory: pytest.TempPathFactory) -> "PaperCampaign":
-    """The same, identified by the paper's model; leave it as it is."""
-    from paper_campaign import whole_campaign
-
-    return whole_campaign(tmp_path_factory.mktemp("campaigns") / "pairs", "paper")

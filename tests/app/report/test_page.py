@@ -15,6 +15,7 @@ from app.cli.report import report
 from app.report.page import Page, page_of
 from app.report.record import incidents_section, tracker_section
 from app.report.results import (
+    budget_section,
     gain_section,
     limits_section,
     motion_tests_section,
@@ -52,12 +53,12 @@ def html(paper: PaperCampaign) -> str:
     return page(paper).html
 
 
-def figures(found: Page) -> set[str]:
-    return set(found.figures)
+def figures(page: Page) -> set[str]:
+    return set(page.figures)
 
 
-def missing(found: Page) -> str:
-    return " ".join(found.missing)
+def missing(page: Page) -> str:
+    return " ".join(page.missing)
 
 
 def words_of(text: str) -> str:
@@ -65,17 +66,17 @@ def words_of(text: str) -> str:
     return " ".join(unescape(re.sub(r"<[^>]*>", " ", text)).split())
 
 
-def words_on(found: Page, section: str = "") -> str:
-    """The same of a page, or of one of its sections."""
-    start = found.html.index(f'<section id="{section}">') if section else 0
-    return words_of(found.html[start:].partition("</section>" if section else "</html>")[0])
+def words_on(page: Page, section: str = "") -> str:
+    """Texts of a page, or of one of its sections."""
+    start = page.html.index(f'<section id="{section}">') if section else 0
+    return words_of(page.html[start:].partition("</section>" if section else "</html>")[0])
 
 
-def identified(paper: PaperCampaign, **changes: object) -> Evaluation:
-    """What is said of a campaign whose identification says something else."""
-    evidence = gather(paper.campaign)
-    found = replace(evidence.identification, **changes)
-    return Evaluation(replace(evidence, identification=found))
+def identified(evaluation: Evaluation, **changes: object) -> Evaluation:
+    """A campaign with another identification; without correlations, whose figure takes a while."""
+    evidence = evaluation.evidence
+    result = replace(evidence.identification, **({"covariance": None} | changes))
+    return Evaluation(replace(evidence, identification=result))
 
 
 def rows_of(section: Section) -> list[list[str]]:
@@ -100,77 +101,54 @@ class Outline(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        found = dict(attrs)
+        values = dict(attrs)
         self.tags.append(tag)
-        self.ids += [found["id"]] if "id" in found else []
-        self.links += [found[name] for name in ("href", "src", "xlink:href") if name in found]
+        self.ids += [values["id"]] if "id" in values else []
+        self.links += [values[name] for name in ("href", "src", "xlink:href") if name in values]
 
 
 @pytest.fixture(scope="module")
-def whole_page(whole: PaperCampaign) -> Page:
-    return page(whole)
+def whole_page(evaluation: Evaluation) -> Page:
+    return page_of(evaluation, MADE_UTC)
 
 
-@pytest.fixture(scope="module")
-def whole_html(whole_page: Page) -> str:
-    return whole_page.html
-
-
-def test_a_whole_campaign_has_every_figure_and_lacks_nothing(whole_page: Page) -> None:
+def test_a_whole_campaign_has_every_figure_and_the_verdict_first(whole_page: Page) -> None:
     assert figures(whole_page) == FIGURES
     assert [text[:15] for text in whole_page.missing] == ["No traceability"]
-
-
-def test_the_papers_model_has_all_figures_and_no_budget(by_distances: PaperCampaign) -> None:
-    found = page(by_distances)
-    assert figures(found) == FIGURES
-    assert 'id="budget"' not in found.html
-
-
-def test_the_page_says_how_sure_it_is_and_the_verdict_first(whole_html: str) -> None:
+    ids = Outline(whole_page.html).ids
+    assert ids.index("verdict") < min(
+        ids.index(name) for name in ("limits", "gain", "tests", "parameters", "provenance")
+    )
+    head = '<section id="verdict" class="no-limits-specified">'
+    box = words_of(whole_page.html.partition(head)[2].partition("</section>")[0])
+    assert "No limits specified" in box
+    assert "Measured before and after: distances, mean error" in box
+    text = words_of(whole_page.html)
     for words in (
         "Robot repeatability: ",
         "Predicted σ of positions over the workspace: 0.0",
         "Uncertainty budget of positions",
         "Valid for 100 % of the workspace",
     ):
-        assert words in whole_html
-    ids = Outline(whole_html).ids
-    assert ids.index("verdict") < min(
-        ids.index(name) for name in ("limits", "gain", "tests", "parameters", "provenance")
-    )
-    text = words_of(whole_html)
-    row = re.search(
-        r"repeatability, radius of the sphere [\d.]+ [\d.]+ (no change|\d)[^\d]*[\d.]+", text
-    )
-    assert row is not None
-    assert row[1] == "no change"
-    box = whole_html[whole_html.index('id="verdict"') :].partition("</section>")[0]
-    assert '<p class="decision">No limits specified</p>' in box
-    assert "Measured before and after: distances, mean error" in box
-    assert 'class="no-limits-specified"' in box
+        assert words in text
+    assert re.search(r"radius of the sphere [\d.]+ [\d.]+ no change[^\d]*[\d.]+", text)
 
 
-def test_the_page_asks_nothing_of_a_network(whole_html: str) -> None:
-    outline = Outline(whole_html)
+def test_the_page_asks_nothing_of_a_network(whole_page: Page) -> None:
+    outline = Outline(whole_page.html)
     assert {link[:1] for link in outline.links} <= {"#", "d"}  # within the page, or `data:,`
-    assert not {"img", "iframe", "object"} & set(outline.tags)
-    assert "script" not in outline.tags
-    style = whole_html[whole_html.index("<style>") : whole_html.index("</style>")]
+    assert not {"img", "iframe", "object", "script"} & set(outline.tags)
+    style = whole_page.html.partition("<style>")[2].partition("</style>")[0]
     assert "@import" not in style
     assert "url(" not in style
 
 
-def test_every_id_is_used_once_and_every_link_has_its_target(whole_html: str) -> None:
-    outline = Outline(whole_html)
+def test_every_id_is_used_once_and_every_link_has_its_target(whole_page: Page) -> None:
+    outline = Outline(whole_page.html)
     assert len(outline.ids) == len(set(outline.ids))
     targets = {link[1:] for link in outline.links if link.startswith("#")}
-    targets |= set(re.findall(r"url\(#([^)]+)\)", whole_html))
+    targets |= set(re.findall(r"url\(#([^)]+)\)", whole_page.html))
     assert targets <= set(outline.ids)
-
-
-def test_the_same_campaign_gives_the_same_page(whole: PaperCampaign, whole_html: str) -> None:
-    assert html(whole) == whole_html
 
 
 def test_what_people_wrote_is_shown_as_text_without_hidden_characters(tmp_path: Path) -> None:
@@ -193,57 +171,51 @@ def test_what_people_wrote_is_shown_as_text_without_hidden_characters(tmp_path: 
     assert not set("\x1b\x07\x9b\u202e\u2066") & set(text)
 
 
-def test_a_campaign_without_a_journal_says_that_nothing_was_measured(tmp_path: Path) -> None:
-    found = page(new_campaign(tmp_path / "empty"))
-    assert figures(found) == set()
-    assert "no journal" in missing(found)
-    assert found.evaluation.verdict.decision == "not decided"
-
-
-def test_without_validation_the_rest_is_shown_and_the_lack_is_named(tmp_path: Path) -> None:
-    paper = new_campaign(tmp_path / "run")
+def test_a_page_shows_what_a_campaign_has_and_names_what_it_lacks(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "grows")
+    empty = page(paper)
+    assert figures(empty) == set()
+    assert "no journal" in missing(empty)
+    assert empty.evaluation.verdict.decision == "not decided"
     paper.run()
-    paper.identify()
-    found = page(paper)
-    assert figures(found) == FIGURES - {"straightness", "rotation", "repeatability"}
-    assert "validate --stage before" in missing(found)
-    assert "validate --stage after" in missing(found)
+    measured = page(paper)
+    assert figures(measured) == {"pair-errors", "arrows", "over-time"}
+    assert "pkmcal identify" in missing(measured)
+    assert "Nothing has been identified" in " ".join(measured.evaluation.verdict.reasons)
+    paper.identify("paper")
+    result = page(paper)
+    assert figures(result) == FIGURES - {"straightness", "rotation", "repeatability"}
+    assert 'id="budget"' not in result.html
+    assert "validate --stage before" in missing(result)
+    assert "validate --stage after" in missing(result)
 
 
-def test_without_identification_errors_before_are_shown(tmp_path: Path) -> None:
-    paper = new_campaign(tmp_path / "run")
-    paper.run()
-    found = page(paper)
-    assert figures(found) == {"pair-errors", "arrows", "over-time"}
-    assert "pkmcal identify" in missing(found)
-    assert "Nothing has been identified" in " ".join(found.evaluation.verdict.reasons)
-
-
-def test_one_test_alone_is_shown(tmp_path: Path) -> None:
+def test_one_test_alone_is_shown_and_an_equal_campaign_gives_an_equal_page(tmp_path: Path) -> None:
     for test in (ShotSet.ROTATION, ShotSet.STRAIGHTNESS, ShotSet.REPEATABILITY):
         paper = new_campaign(tmp_path / test.value)
         paper.validate("after", frozenset({test}))
-        assert test.value in figures(page(paper))
+        section = motion_tests_section(evaluate(paper.campaign))
+        assert [block.name for block in section.blocks if block.name] == [test.value]
+    assert html(paper) == html(paper)
 
 
-def test_a_shot_or_two_are_enough_for_a_page(tmp_path: Path) -> None:
-    for count, words in ((1, "unfinished"), (2, "Too few shots")):
-        paper = new_campaign(tmp_path / str(count))
-        paper.measure("run", paper.plan(1, 0)[:count], finished=False)
-        assert words in html(paper)
-
-
-def test_a_crashed_run_is_named_and_what_it_measured_is_shown(tmp_path: Path) -> None:
-    paper = new_campaign(tmp_path / "crashed")
-    paper.measure("run", paper.plan(20, 4)[:30], finished=False, stopped=False)
-    found = page(paper)
-    assert "without a stop record" in missing(found)
-    assert "pair-errors" in figures(found)
+@pytest.mark.parametrize(
+    ("count", "stopped", "words"),
+    [(1, True, "unfinished"), (2, True, "Too few shots"), (3, False, "without a stop record")],
+)
+def test_a_few_shots_are_enough_for_a_page(
+    tmp_path: Path, count: int, stopped: bool, words: str
+) -> None:
+    paper = new_campaign(tmp_path / "few")
+    paper.measure("run", paper.plan(1, 0)[:count], finished=False, stopped=stopped)
+    result = page(paper)
+    assert words in result.html
+    assert ("pair-errors" in figures(result)) == (count == 3)
 
 
 def test_rejected_shots_and_voided_pairs_stand_with_their_reasons(tmp_path: Path) -> None:
     paper = new_campaign(tmp_path / "rejected")
-    series = paper.measure("run", paper.plan(2, 0), finished=False)
+    series = paper.measure("run", paper.plan(1, 0)[:1], finished=False)
     with paper.journal() as journal:
         target = Pose(1.0, 2.0, 3.0, 0.0)
         intent = Intent(1, 2, "identification", target, (0.0,) * 4, "joints", 0)
@@ -268,35 +240,39 @@ def test_a_changed_parameter_file_takes_the_verdict_away(whole: PaperCampaign, t
     assert "the parameter file contains the identified parameters" in " ".join(verdict.reasons)
 
 
-def test_an_unreadable_plan_and_parameter_file_are_named(whole: PaperCampaign, tmp_path) -> None:
-    folder = shutil.copytree(whole.folder, tmp_path / "copy")
+def test_unreadable_files_and_lacking_correlations_are_named(whole, tmp_path: Path) -> None:
+    folder = shutil.copytree(whole.folder, tmp_path / "<b>&")
     (folder / "plan.csv").write_text("no plan\n")
     (folder / "robot-compensated.yaml").write_text("no: robot\n")
-    found = page(replace(whole, folder=folder))
-    assert "plan.csv" in missing(found)
-    assert "robot-compensated.yaml" in missing(found)
-    assert figures(found) == FIGURES
+    result = page_of(identified(Evaluation(gather(open_campaign(folder)))), MADE_UTC)
+    assert "plan.csv" in missing(result)
+    assert "robot-compensated.yaml" in missing(result)
+    assert "The identification states no correlations." in result.missing
+    assert figures(result) == FIGURES - {"correlations"}
+    assert "&lt;b&gt;&amp;" in result.html
+    assert "<b>&" not in result.html
 
 
 def test_a_journal_of_another_version_shows_what_can_be_read(tmp_path: Path) -> None:
     paper = new_campaign(tmp_path / "old")
     golden = Path(__file__).parents[2] / "data" / "journal-v1.db"
     shutil.copy(golden, paper.campaign.journal_path)
-    found = page(paper)
-    assert "identification" in missing(found)
-    assert "3.1 mm from the prediction" in found.html
+    result = page(paper)
+    assert "identification" in missing(result)
+    assert "3.1 mm from the prediction" in result.html
 
 
-def test_an_identification_without_correlations_says_so(whole: PaperCampaign) -> None:
-    found = page_of(identified(whole, covariance=None), MADE_UTC)
-    assert figures(found) == FIGURES - {"correlations"}
-    assert found.missing[:-1] == ("The identification states no correlations.",)
+def test_a_damaged_journal_is_refused(tmp_path: Path) -> None:
+    paper = new_campaign(tmp_path / "damaged")
+    paper.campaign.journal_path.write_bytes(b"not a database" * 100)
+    with pytest.raises(JournalFailed):
+        page(paper)
 
 
-def test_everything_that_an_identification_says_stands_on_the_page(whole: PaperCampaign) -> None:
+def test_everything_that_an_identification_says_stands_on_the_page(evaluation: Evaluation) -> None:
     pedigree = Pedigree(updates="c0ffee" * 8, series=(2, 5), shots=8, position_std_before_mm=0.02)
     shown = identified(
-        whole,
+        evaluation,
         converged=False,
         iterations=40,
         scatter=Scatter(0.14, 0.01, {}, "robot repeatability: 0.14 mm"),
@@ -305,8 +281,9 @@ def test_everything_that_an_identification_says_stands_on_the_page(whole: PaperC
         excluded=(Excluded("too far", shot=3), Excluded("its other shot was lost", pair=7)),
         reference_degC=22.5,
         pedigree=pedigree,
+        hold_out=HoldOut(8, 12.34, 0.031, 1.24),
     )
-    sections = (parameters_section, tracker_section, incidents_section)
+    sections = (parameters_section, tracker_section, incidents_section, gain_section)
     text = " ".join(words_in(section(shown)) for section in sections)
     for sentence in (
         "Model full: the fit did not settle after 40 rounds.",
@@ -319,11 +296,13 @@ def test_everything_that_an_identification_says_stands_on_the_page(whole: PaperC
         "the tracker's scale −3.0000 9.8000 ppm",
         "shot 3 too far",
         "pair 7 its other shot was lost",
+        "8 hold-out pairs are 1.24 times as far off as their σ predict (χ² 12.3, p = 0.031",
+        "that agrees with these σ.",
     ):
         assert sentence in text
 
 
-def test_each_session_s_frame_stands_with_its_shots(whole: PaperCampaign) -> None:
+def test_each_session_s_frame_stands_with_its_shots(evaluation: Evaluation) -> None:
     frame = Frame(2400.0, 250.0, -150.0, 140.0, 4.0, -3.0)
     sessions = (SessionFrame((0, 1, 2), frame), SessionFrame((3, 4)), SessionFrame((5, 9), frame))
     values = ["2400.000", "250.000", "−150.000", "140.0000", "4.0000", "−3.0000"]
@@ -331,12 +310,12 @@ def test_each_session_s_frame_stands_with_its_shots(whole: PaperCampaign) -> Non
         ({"frame": frame}, ["all"]),
         ({"frame": frame, "sessions": sessions}, ["0 to 2", "5 to 9"]),
     ):
-        rows = rows_of(tracker_section(identified(whole, **changes)))
-        assert rows[-len(shots) :] == [[own, *values] for own in shots]
+        rows = rows_of(tracker_section(identified(evaluation, **changes)))
+        assert rows[-len(shots) :] == [[numbers, *values] for numbers in shots]
 
 
-def test_a_tracker_that_states_nothing_is_shown_as_that(whole: PaperCampaign) -> None:
-    evidence = gather(whole.campaign)
+def test_a_tracker_that_states_nothing_is_shown_as_that(evaluation: Evaluation) -> None:
+    evidence = evaluation.evidence
     run = evidence.run.shots
     silent = replace(
         run,
@@ -347,23 +326,6 @@ def test_a_tracker_that_states_nothing_is_shown_as_that(whole: PaperCampaign) ->
     vars(measured)["shots"] = silent
     row = rows_of(tracker_section(Evaluation(replace(evidence, run=measured))))[1]
     assert row[:5] == ["run", "not stated", "–", "–", "–"]
-
-
-def test_a_foreign_message_is_told_as_it_is_and_shown_as_text(whole: PaperCampaign) -> None:
-    message = "plan.csv:1: '<b>&amp;</b>' is no \"number\""
-    evidence = replace(gather(whole.campaign), unreadable=(message,))
-    shown = page_of(Evaluation(evidence), MADE_UTC)
-    assert shown.missing[1:] == (f"Cannot be read: {message}.",)
-    text = shown.html
-    assert "&lt;b&gt;&amp;amp;&lt;/b&gt;" in text
-    assert "<b>&" not in text
-
-
-def test_a_damaged_journal_is_refused(tmp_path: Path) -> None:
-    paper = new_campaign(tmp_path / "damaged")
-    paper.campaign.journal_path.write_bytes(b"not a database" * 100)
-    with pytest.raises(JournalFailed):
-        page(paper)
 
 
 def test_a_simulated_cell_is_called_that(tmp_path: Path) -> None:
@@ -398,30 +360,23 @@ def test_an_import_names_its_files_and_is_never_called_simulated(tmp_path: Path)
     assert "plan as measured" not in words
 
 
-def test_every_finding_stands_with_its_sentence_and_consequence(whole: PaperCampaign) -> None:
+def test_every_finding_stands_with_its_sentence_and_consequence(evaluation: Evaluation) -> None:
     findings = (
         Finding("change", "arm 0 changed", "fail", {"size": 0.0101}),
         Finding("beyond-tolerance", "arm 2 is long", "fail", accepted=True),
         Finding("wrong-shots", "left out: shots 7", None),
     )
-    found = identified(whole, findings=findings)
-    assert rows_of(parameters_section(found))[:3] == [
+    changed = identified(evaluation, findings=findings)
+    assert rows_of(parameters_section(changed))[:3] == [
         ["change", "arm 0 changed", "verdict: fail"],
         ["beyond-tolerance", "arm 2 is long", "accepted"],
         ["wrong-shots", "left out: shots 7", "reported only"],
     ]
-    assert "Accepted all the same: arm 2 is long." in " ".join(found.verdict.reasons)
-    assert "has no findings" in words_in(parameters_section(identified(whole, findings=())))
-
-
-def test_the_hold_out_test_stands_in_words(whole: PaperCampaign) -> None:
-    held = HoldOut(8, 12.34, 0.031, 1.24)
-    text = words_in(gain_section(identified(whole, hold_out=held)))
-    assert "8 hold-out pairs are 1.24 times as far off as their σ predict (χ² 12.3, p = 0." in text
-    assert "that agrees with these σ." in text
-    bad = replace(held, p=1e-5)
-    assert "that contradicts these σ." in words_in(gain_section(identified(whole, hold_out=bad)))
-    assert "Hold-out test" not in words_in(gain_section(identified(whole, hold_out=None)))
+    assert "Accepted all the same: arm 2 is long." in " ".join(changed.verdict.reasons)
+    bare = identified(evaluation, findings=(), budget=(), hold_out=HoldOut(8, 12.3, 1e-5, 1.2))
+    assert "has no findings" in words_in(parameters_section(bare))
+    assert "that contradicts these σ." in words_in(gain_section(bare))
+    assert budget_section(bare).blocks == []
 
 
 def test_a_load_without_an_end_stands_above_the_verdict(tmp_path: Path) -> None:
@@ -435,24 +390,23 @@ def test_a_load_without_an_end_stands_above_the_verdict(tmp_path: Path) -> None:
 
 
 def test_a_parameter_says_whether_it_was_fitted_determined_and_changed(
-    whole: PaperCampaign,
+    evaluation: Evaluation,
 ) -> None:
-    one = replace(
-        gather(whole.campaign).identification.parameters["plate_mm"], nominal=1.0, std=0.1
-    )
-    found = {
-        "arm0.x_mm": replace(one, value=1.19),
-        "arm0.y_mm": replace(one, value=1.21),
-        "arm0.z_mm": replace(one, value=1.0, std=None),
-        "plate_mm": replace(one, value=1.0, std=None, free=False),
+    fitted = evaluation.evidence.identification.parameters["plate_mm"]
+    plate = replace(fitted, nominal=1.0, std=0.1)
+    values = {
+        "arm0.x_mm": replace(plate, value=1.19),
+        "arm0.y_mm": replace(plate, value=1.21),
+        "arm0.z_mm": replace(plate, value=1.0, std=None),
+        "plate_mm": replace(plate, value=1.0, std=None, free=False),
     }
-    rows = texts(parameters(PAR4.parameters), found.items())
+    rows = texts(parameters(PAR4.parameters), values.items())
     assert rows[0] == ("arm0.x", "mm", "1.0000", "1.1900", "+0.1900", "0.1000", "within U")
     assert [row[-1] for row in rows[1:]] == ["", "not determined", "held"]
 
 
-def test_ap_and_rp_stand_pose_by_pose_and_worst_first(whole: PaperCampaign) -> None:
-    ap, rp, *rows = rows_of(motion_tests_section(evaluate(whole.campaign)))
+def test_ap_and_rp_stand_pose_by_pose_and_worst_first(evaluation: Evaluation) -> None:
+    ap, rp, *rows = rows_of(motion_tests_section(evaluation))
     assert ap[0].startswith("pose accuracy AP")
     assert rp[0].startswith("pose repeatability RP")
     poses = [row for row in rows if row[1][:1] == "P"]
