@@ -11,7 +11,7 @@ from app.main import run_command
 def planned_once(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study") / "small"
     assert run_command(["new", str(folder), "--scenario", "paper-simulation"]) == 0
-    assert run_command(["plan", str(folder), "--shots", "50"]) == 0
+    assert run_command(["plan", str(folder), "--shots", "40"]) == 0
     return folder
 
 

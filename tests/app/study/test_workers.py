@@ -34,14 +34,10 @@ def work(number):
     return (number,)
 
 
-def rows(results):
-    return [row for result in results for row in result.rows]
-
-
 def test_failed_task_costs_itself_alone_and_says_why():
     results = list(simulated_parts(work, range(5), None))
     assert results[FAULT] == Part(FAULT, lost="ZeroDivisionError: by nothing")
-    assert rows(results) == [0, 1, 2, 4]
+    assert [row for result in results for row in result.rows] == [0, 1, 2, 4]
 
 
 @pytest.mark.long

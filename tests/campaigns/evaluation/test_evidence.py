@@ -10,7 +10,6 @@ from paper_campaign import LOAD_BEGUN, NOISE_MM, NOMINAL, PaperCampaign
 
 from campaigns.campaign import open_campaign
 from campaigns.controllers.export import latest_identification
-from campaigns.evaluation.summary import summary
 from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.identification.identify import identify
 from campaigns.journal.records import Finding
@@ -23,10 +22,12 @@ def test_errors_are_those_that_the_identification_reported(
     with whole.journal() as journal:
         reported = latest_identification(journal).unseen_mm
     unseen = evaluation.errors.unseen
-    for values, stated in ((unseen.before_mm, reported.before), (unseen.after_mm, reported.after)):
-        errors = summary(values)
-        assert errors.mean == pytest.approx(stated.mean_abs, rel=1e-6)
-        assert errors.max == pytest.approx(stated.max_abs, rel=1e-6)
+    for errors_mm, stated in (
+        (unseen.before_mm, reported.before),
+        (unseen.after_mm, reported.after),
+    ):
+        assert np.abs(errors_mm).mean() == pytest.approx(stated.mean_abs, rel=1e-6)
+        assert np.abs(errors_mm).max() == pytest.approx(stated.max_abs, rel=1e-6)
 
 
 def test_pairs_that_the_identification_held_out_itself_are_unseen(whole: PaperCampaign) -> None:
@@ -68,12 +69,9 @@ def test_a_load_without_an_end_leaves_the_verdict_open(
     found = evaluate(paper.campaign)
     assert "was begun at" in found.evidence.journal.unended_load
     assert found.verdict.decision == "not decided"
-    assert "it is known what the controller holds" in " ".join(found.verdict.reasons)
     with paper.journal() as journal:
         journal.append(Finding("load begun", {"source": "of another version"}))
-    other = gather(paper.campaign)
-    assert "cannot read" in other.journal.unended_load
-    assert other.unreadable
+    assert "cannot read" in gather(paper.campaign).journal.unended_load
     with paper.journal() as journal:
         journal.append(Finding("load failed", {"source": "x", "reason": "y"}))
     assert evaluate(paper.campaign).verdict.decision == "not decided"

@@ -25,8 +25,12 @@ def checks(evidence: Evidence) -> tuple[Check, ...]:
     return Evaluation(evidence).checks
 
 
+def broken_checks(evidence: Evidence) -> list[Check]:
+    return [check for check in checks(evidence) if check.holds is False]
+
+
 def broken(evidence: Evidence) -> list[str]:
-    return [check.statement for check in checks(evidence) if check.holds is False]
+    return [check.statement for check in broken_checks(evidence)]
 
 
 def restarted(evidence: Evidence, **changes: object) -> Evidence:
@@ -43,36 +47,32 @@ def test_a_whole_campaign_holds_together(evidence: Evidence) -> None:
     assert set(found.values()) == {True}
 
 
-def test_files_of_another_campaign_are_found(evidence: Evidence, tmp_path: Path) -> None:
+def test_each_file_of_another_campaign_is_found_and_only_that(evidence, tmp_path: Path) -> None:
     campaign = replace(evidence.campaign, folder=tmp_path)
     shorter = evidence.plan[:-1]
     write_plan(campaign.plan_path, shorter, campaign.robot.mechanism)
-    (found,) = broken(replace(evidence, campaign=campaign, plan=shorter))
-    assert found.startswith("plan.csv")
-    other = replace(evidence.identification, robot_digest="0" * 64)
-    (found,) = broken(replace(evidence, identification=other))
-    assert found.startswith("the nominal robot")
-    other = replace(evidence.identification, journal_digest="0" * 64)
-    (found,) = broken(replace(evidence, identification=other))
-    assert found.startswith("the journal")
-    (found,) = broken(replace(evidence, parameter_file=NOMINAL.robot))
-    assert found.startswith("the parameter file")
-    rolled_back = replace(evidence.loaded, digest=NOMINAL.robot.digest())
-    (found,) = broken(replace(evidence, loaded=rolled_back))
-    assert found.startswith("what was loaded last")
-    (found,) = broken(restarted(evidence, robot_file_digest=NOMINAL.robot.digest()))
-    assert found.startswith("the controller held the identified set")
+    identification, nominal = evidence.identification, NOMINAL.robot.digest()
+    other_robot = replace(identification, robot_digest="0" * 64)
+    other_journal = replace(identification, journal_digest="0" * 64)
+    rolled_back = replace(evidence.loaded, digest=nominal)
+    for statement, exchanged in {
+        "plan.csv": replace(evidence, campaign=campaign, plan=shorter),
+        "the nominal robot": replace(evidence, identification=other_robot),
+        "the journal": replace(evidence, identification=other_journal),
+        "the parameter file": replace(evidence, parameter_file=NOMINAL.robot),
+        "what was loaded last": replace(evidence, loaded=rolled_back),
+        "the controller held the identified set": restarted(evidence, robot_file_digest=nominal),
+    }.items():
+        (found,) = broken(exchanged)
+        assert found.startswith(statement)
 
 
 def test_a_before_with_other_parameters_is_told_and_decides_nothing(evidence: Evidence) -> None:
     (measured,) = evidence.before
     started = replace(measured.series.started, robot_file_digest="0" * 64)
     series = replace(measured.series, started=started)
-    (found,) = [
-        check
-        for check in checks(replace(evidence, before=(replace(measured, series=series),)))
-        if check.holds is False
-    ]
+    before = (replace(measured, series=series),)
+    (found,) = broken_checks(replace(evidence, before=before))
     assert "neither nominal nor identified" in found.detail
     assert not found.decides
 
@@ -112,7 +112,7 @@ def test_a_space_or_a_known_length_of_another_day_leaves_the_verdict_open(
     bar = KnownLengthConfig(name="bar", length_mm=1000.0, std_mm=0.005)
     for changes in ({"space": SpaceConfig(z_lowest_mm=-700.0)}, {"known_lengths": (bar,)}):
         changed = reconfigured(judged, **changes)
-        (found,) = [check for check in checks(changed) if check.holds is False]
+        (found,) = broken_checks(changed)
         assert found.detail == f"{next(iter(changes))} changed since"
         assert Evaluation(changed).verdict.decision == "not decided"
         assert next_step(state_of(Evaluation(changed))).text.startswith("pkmcal identify")
@@ -127,11 +127,10 @@ def test_a_pass_by_limits_that_are_gone_is_none(evidence: Evidence) -> None:
     kept = AcceptanceConfig(distance_mean_mm=5.0, distance_max_mm=9.0)
     assert broken(reconfigured(judged, acceptance=kept)) == []
     for limits in (AcceptanceConfig(), AcceptanceConfig(distance_max_mm=1e-6)):
-        (found,) = [
-            each for each in checks(reconfigured(judged, acceptance=limits)) if each.holds is False
-        ]
+        changed = reconfigured(judged, acceptance=limits)
+        (found,) = broken_checks(changed)
         assert found.detail == "acceptance changed since"
-        assert Evaluation(reconfigured(judged, acceptance=limits)).verdict.decision != "pass"
+        assert Evaluation(changed).verdict.decision != "pass"
 
 
 def test_an_empty_campaign_has_nothing_to_compare(tmp_path) -> None:

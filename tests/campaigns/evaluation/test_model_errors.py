@@ -42,6 +42,11 @@ def recorded(data, model, *, sessions):
     return RecordedIdentification.of(found, **provenance, **digests)
 
 
+@pytest.fixture(scope="module")
+def by_sessions(shots):
+    return recorded(shots, "full", sessions=True)
+
+
 @pytest.fixture
 def errors_of(whole):
     """Errors of shots by what was identified, in a campaign that has nothing else."""
@@ -59,51 +64,34 @@ def rms(errors_mm):
     return float(np.sqrt(np.mean(errors_mm**2)))
 
 
-def test_errors_are_as_small_as_if_nobody_had_moved_the_tracker(shots, errors_of):
-    found = recorded(shots, "full", sessions=True)
-    errors = errors_of(shots, read_identification(found.document()))
-    assert len(errors.positions.after_mm) == 160
-    for after_mm in (found.fitted.after, errors.positions.after_mm, errors.unseen.after_mm):
+def test_errors_are_as_small_as_if_nobody_had_moved_the_tracker(shots, errors_of, by_sessions):
+    errors = errors_of(shots, read_identification(by_sessions.document()))
+    assert len(errors.positions.after_mm) == len(shots)
+    for after_mm in (by_sessions.fitted.after, errors.positions.after_mm, errors.unseen.after_mm):
         assert rms(after_mm) < 2.0 * NOISE_MM
 
 
-def test_frames_are_those_in_which_the_tracker_stood(shots):
-    found = recorded(shots, "full", sessions=True)
-    places = np.eye(3) * 500.0
-    stood = (TRACKER_FROM_BASE, ELSEWHERE.after(TRACKER_FROM_BASE))
-    assert [each.shots for each in found.sessions] == [
-        tuple(n for n in shots.numbers if (n >= MOVED_AT) == late) for late in (False, True)
-    ]
-    one_robot = found.sessions[0].frame.tracker_from_base.inverted()
-    moved = found.sessions[1].frame.tracker_from_base.after(one_robot)
-    in_tracker_mm = stood[0].apply(places)
+def test_frames_are_those_in_which_the_tracker_stood(shots, by_sessions):
+    first, second = by_sessions.sessions
+    assert first.shots == tuple(n for n in shots.numbers if n < MOVED_AT)
+    assert second.shots == tuple(n for n in shots.numbers if n >= MOVED_AT)
+    base_from_first = first.frame.tracker_from_base.inverted()
+    moved = second.frame.tracker_from_base.after(base_from_first)
+    points_mm = TRACKER_FROM_BASE.apply(np.eye(3) * 500.0)
     np.testing.assert_allclose(
-        moved.apply(in_tracker_mm), ELSEWHERE.apply(in_tracker_mm), atol=20.0 * NOISE_MM
+        moved.apply(points_mm), ELSEWHERE.apply(points_mm), atol=20.0 * NOISE_MM
     )
-
-
-def test_one_frame_for_all_shots_has_no_sessions(shots, errors_of):
-    early = shots.rows(np.flatnonzero(np.array(shots.numbers) < MOVED_AT))
-    found = recorded(early, "full", sessions=False)
-    assert found.sessions == ()
-    assert rms(errors_of(early, found).positions.after_mm) < 2.0 * NOISE_MM
 
 
 def test_distances_between_sessions_are_none(shots, errors_of):
     """The stand moves between the two shots of a pair: their distance is left out, and named."""
-    data = replace(
-        shots,
-        session=(np.array(shots.numbers) >= MOVED_AT - 1).astype(int),
-        points_in_tracker_mm=np.where(
-            (np.array(shots.numbers) == MOVED_AT - 1)[:, None],
-            ELSEWHERE.apply(shots.points_in_tracker_mm),
-            shots.points_in_tracker_mm,
-        ),
-    )
+    numbers, points = np.array(shots.numbers), shots.points_in_tracker_mm.copy()
+    earlier = numbers == MOVED_AT - 1
+    points[earlier] = ELSEWHERE.apply(points[earlier])
+    session = (numbers >= MOVED_AT - 1).astype(int)
+    data = replace(shots, session=session, points_in_tracker_mm=points)
     found = recorded(data, "paper", sessions=True)
-    assert [(each.pair, each.reason) for each in found.excluded] == [
-        (data.pairs[MOVED_AT - 1], "its shots are of two sessions")
-    ]
+    assert [excluded.pair for excluded in found.excluded] == [data.pairs[MOVED_AT - 1]]
     errors = errors_of(data, found)
     assert len(errors.fitted.numbers) == 59
     assert rms(errors.fitted.after_mm) < 2.0 * NOISE_MM

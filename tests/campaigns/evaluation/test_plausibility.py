@@ -26,10 +26,8 @@ def shots_of_plan(name):
     robot = find_robot(name).robot
     centre = robot.workspace_centre
     view = View(TRACKER_MM, tuple((np.array(TRACKER_MM) - centre[:3]).tolist()), np.radians(25.0))
-    made = make_plan(
-        robot, view, PlanRequest(SHOTS, 0, 0, pose_of(centre)), np.random.default_rng(2)
-    )
-    return planned_shots(made)
+    request = PlanRequest(SHOTS, 0, 0, pose_of(centre))
+    return planned_shots(make_plan(robot, view, request, np.random.default_rng(2)))
 
 
 def measured(name, seed=1, share=0.3, half=None):
@@ -38,32 +36,28 @@ def measured(name, seed=1, share=0.3, half=None):
     Its reflector is on a half of the plate, or where the controlled point is.
     """
     robot, planned = find_robot(name).robot, shots_of_plan(name)
-    space, rng = robot.mechanism.parameters, np.random.default_rng(seed)
-    held = ("tilt", "azimuth")
-    limits = np.array(
-        [
-            0.0 if any(word in each for word in held) else robot.tolerance.of(space[each])
-            for each in space.names
-        ]
-    )
-    limits *= space.file_unit[: len(space.names)]
-    limits = np.pad(limits, (0, len(space.of_robot) - len(limits)))
-    off = Kinematics(
-        robot.mechanism.seen_from(half),
-        robot.kinematics.p + share * rng.uniform(-1, 1, len(limits)) * limits,
-    )
-    found = off.forward(planned.joints)
+    table, rng = robot.mechanism.parameters, np.random.default_rng(seed)
+    limits = np.zeros(len(table.of_robot))
+    for place, name in enumerate(table.names):
+        if "azimuth" not in name:
+            limits[place] = robot.tolerance.of(table[name]) * table.file_unit[place]
+    errors = share * rng.uniform(-1, 1, len(limits)) * limits
+    off = Kinematics(robot.mechanism.seen_from(half), robot.kinematics.p + errors)
+    poses = off.forward(planned.joints)
     turn = Rotation.random(random_state=seed).as_matrix()
-    points = found.values[:, :3] @ turn.T + np.array([1500.0, -800.0, 300.0])
-    return replace(planned, points_in_tracker_mm=points).rows(np.flatnonzero(found.is_solved))
+    points = poses.values[:, :3] @ turn.T + np.array([1500.0, -800.0, 300.0])
+    return replace(planned, points_in_tracker_mm=points).rows(np.flatnonzero(poses.is_solved))
+
+
+def on_half(name, half):
+    """The nominal robot with its reflector on a half of the plate by its file."""
+    nominal = find_robot(name).robot.kinematics
+    return replace(nominal, mechanism=nominal.mechanism.seen_from(half))
 
 
 def complaint(name, shots, place_mm=None, file_half=None, unit="mm"):
-    nominal = find_robot(name).robot.kinematics
-    nominal = replace(nominal, mechanism=nominal.mechanism.seen_from(file_half))
-    return refusal(
-        ShotsInvalid, plausibility.check_shots, nominal, shots, "shots.csv", place_mm, unit
-    )
+    check, nominal = plausibility.check_shots, on_half(name, file_half)
+    return refusal(ShotsInvalid, check, nominal, shots, "shots.csv", place_mm, unit)
 
 
 def on_station(name, *, half=1, columns=None):
@@ -88,48 +82,31 @@ def test_robots_within_their_tolerance_are_never_accused(name, share):
         plausibility.check_shots(nominal, measured(name, seed, share), "shots.csv")
 
 
+MIRRORED = np.array([1.0, 1.0, -1.0])
+RADIANS = np.radians(1.0)
+
+
 @pytest.mark.parametrize(
-    ("factor", "unit", "cause"),
+    ("points", "joints", "unit", "causes"),
     [
-        (1e-3, "mm", "the points look like metres, not mm → import with --unit m"),
-        (1e3, "m", "the points look like millimetres, not m → import with --unit mm"),
-        (1e3 / 25.4, "m", "the points look like inches, not m → import with --unit inch"),
-        (2.0, "mm", "distances between the points are 2 times those of the nominal robot"),
+        (1e-3, 1.0, "mm", ["the points look like metres, not mm", "import with --unit m"]),
+        (1e3, 1.0, "m", ["the points look like millimetres, not m", "import with --unit mm"]),
+        (1e3 / 25.4, 1.0, "m", ["the points look like inches, not m", "import with --unit inch"]),
+        (2.0, 1.0, "mm", ["distances between the points are 2 times"]),
+        (MIRRORED, 1.0, "mm", ["the frame of the points is mirrored"]),
+        (1e3 * MIRRORED, 1.0, "m", ["mirrored and the points look like", "z; import with --unit"]),
+        (1.0, RADIANS, "mm", ["the joints look like radians"]),
+        (1e-3, RADIANS, "mm", ["radians", "metres"]),
+        (1.0, -1.0, "mm", ["all joints seem to have the other sign"]),
+        (1.0, [1.0, -1.0, 1.0], "mm", ["the sign of q1 seems to be turned"]),
     ],
 )
-def test_points_in_another_unit_than_they_were_read_in_are_named(factor, unit, cause):
+def test_shots_that_were_read_wrongly_are_refused_by_their_cause(points, joints, unit, causes):
     shots = measured("delta")
-    wrong = replace(shots, points_in_tracker_mm=factor * shots.points_in_tracker_mm)
-    assert f"shots.csv: {cause}" in complaint("delta", wrong, unit=unit)
-
-
-def test_mirrored_points_are_named_and_in_another_unit_have_two_causes():
-    shots = measured("delta")
-    points = shots.points_in_tracker_mm * [1.0, 1.0, -1.0]
-    said = complaint("delta", replace(shots, points_in_tracker_mm=points))
-    assert "shots.csv: the frame of the points is mirrored" in said
-    said = complaint("delta", replace(shots, points_in_tracker_mm=1e3 * points), unit="m")
-    assert "the frame of the points is mirrored and the points look like" in said
-    assert "turn the sign of one coordinate, such as z; import with --unit mm" in said
-
-
-def test_joints_in_radians_are_named_also_with_points_in_metres():
-    shots = measured("delta")
-    radians = replace(shots, joints=np.radians(shots.joints))
-    assert "the joints look like radians" in complaint("delta", radians)
-    said = complaint(
-        "delta", replace(radians, points_in_tracker_mm=1e-3 * shots.points_in_tracker_mm)
-    )
-    assert "radians" in said
-    assert "metres" in said
-
-
-def test_turned_signs_are_named():
-    shots = measured("delta")
-    said = complaint("delta", replace(shots, joints=-shots.joints))
-    assert "all joints seem to have the other sign" in said
-    said = complaint("delta", replace(shots, joints=shots.joints * [1.0, -1.0, 1.0]))
-    assert "the sign of q1 seems to be turned" in said
+    points, joints = shots.points_in_tracker_mm * points, shots.joints * np.array(joints)
+    said = complaint("delta", replace(shots, points_in_tracker_mm=points, joints=joints), unit=unit)
+    assert said.startswith("shots.csv: ")
+    assert all(cause in said for cause in causes)
 
 
 def test_swapped_joints_are_named_by_the_right_order():
@@ -145,12 +122,15 @@ def test_points_of_other_rows_follow_no_joints():
     assert "the points do not follow the joints" in said
 
 
-def test_points_farther_than_any_tracker_sees_or_beyond_the_gate_are_named():
+def test_points_farther_than_any_tracker_sees_are_named():
     shots = measured("par4-prototype")
     points = shots.points_in_tracker_mm.copy()
     points[3] += 3e5
     said = complaint("par4-prototype", replace(shots, points_in_tracker_mm=points))
     assert "shot 3: its point's distance from the tracker" in said
+
+
+def test_a_point_beyond_the_gate_is_refused_though_the_others_fit():
     shots, nominal = measured("par4-prototype"), find_robot("par4-prototype").robot.kinematics
     points = shots.points_in_tracker_mm.copy()
     points[7] += 300.0
@@ -162,23 +142,18 @@ def test_points_farther_than_any_tracker_sees_or_beyond_the_gate_are_named():
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("name", "value", "said"),
     [
-        ({"joints": 7.0}, "joint q1_deg is 401"),
-        ({"temperature_degC": 300.0}, "its air's temperature is 300 °C, must be -40 to 70"),
-        ({"stated_covariance_mm2": 1e6}, "the stated σ of its point is 1732.05 mm"),
+        ("joints", [0.0, 7.0, 0.0, 0.0], "joint q1_deg is 401"),
+        ("temperature_degC", 300.0, "its air's temperature is 300 °C, must be -40 to 70"),
+        ("stated_covariance_mm2", 1e6 * np.eye(3), "the stated σ of its point is 1732.05 mm"),
     ],
 )
-def test_values_beyond_reason_are_named_by_the_shot(change, said):
+def test_values_beyond_reason_are_named_by_the_shot(name, value, said):
     shots = measured("par4-prototype")
-    (name, value), *_ = change.items()
-    array = getattr(shots, name).copy()
-    array[5] = array[5] if array.ndim > 1 else value
-    if name == "joints":
-        array[5, 1] = value
-    if name == "stated_covariance_mm2":
-        array[5] = value * np.eye(3)
-    assert f"shot 5: {said}" in complaint("par4-prototype", replace(shots, **{name: array}))
+    values = getattr(shots, name).copy()
+    values[5] = value
+    assert f"shot 5: {said}" in complaint("par4-prototype", replace(shots, **{name: values}))
 
 
 def test_changes_beyond_the_tolerance_are_told_largest_first():
@@ -218,25 +193,21 @@ def test_reflector_on_half_2_is_told_from_swapped_columns_by_the_trackers_place(
 
 
 def test_reflector_on_the_half_that_the_robot_file_says_is_not_accused():
-    nominal = find_robot("par4-prototype").robot.kinematics
-    on_2 = replace(nominal, mechanism=nominal.mechanism.seen_from(2))
-    plausibility.check_shots(on_2, on_station("par4-prototype", half=2), "x.csv", ROUGHLY_MM)
+    shots = on_station("par4-prototype", half=2)
+    plausibility.check_shots(on_half("par4-prototype", 2), shots, "x.csv", ROUGHLY_MM)
 
 
 @pytest.mark.parametrize("half", [1, 2])
 def test_reflector_on_a_half_of_an_h4_is_told_from_one_in_the_middle_of_its_crossbar(half):
-    on_half, in_the_middle = (measured("h4", share=0.5, half=place) for place in (half, None))
-    assert f"half {half} of the plate → say reflector_half: {half} in" in complaint("h4", on_half)
-    said = complaint("h4", in_the_middle, file_half=half)
+    said = complaint("h4", measured("h4", share=0.5, half=half))
+    assert f"half {half} of the plate → say reflector_half: {half} in" in said
+    said = complaint("h4", measured("h4", share=0.5), file_half=half)
     assert "in the middle of the crossbar → delete reflector_half" in said
 
 
 @pytest.mark.parametrize("half", [None, 1, 2])
 def test_reflector_of_an_h4_that_is_where_the_robot_file_says_is_not_accused(half):
-    nominal = find_robot("h4").robot.kinematics
-    seen = replace(nominal, mechanism=nominal.mechanism.seen_from(half))
-    for seed in range(2):
-        plausibility.check_shots(seen, measured("h4", seed, 0.7, half), "shots.csv")
+    plausibility.check_shots(on_half("h4", half), measured("h4", 0, 0.7, half), "shots.csv")
 
 
 @pytest.mark.long

@@ -1,5 +1,7 @@
 """The figures of a validation, each against data made by hand."""
 
+import itertools
+
 import numpy as np
 import pytest
 from fake_cell import TRACKER_FROM_BASE
@@ -14,19 +16,14 @@ from campaigns.evaluation.validation import (
     repeatability_test,
     rotation_test,
 )
-from campaigns.evaluation.verdict import (
-    ValidationVerdict,
-    gains,
-    limits_by_figure,
-    validation_verdict,
-)
+from campaigns.evaluation.verdict import ValidationVerdict, limits_by_figure, validation_verdict
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Intent, Outcome
 from campaigns.journal.views import AcceptedShot
 from campaigns.kinematics.catalog import PAR4
 from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.shot_sets import ShotSet, pair_rows
-from campaigns.shots.shots import Shots, shots_of_journal
+from campaigns.shots.shots import shots_of_journal
 from drivers.values import Pose
 
 JOINTS = (0.1, 0.2, 0.3, 0.4)
@@ -34,9 +31,7 @@ MIDDLE = (0.0, 0.0, -575.0)
 INSTRUMENT = TrackerUncertainty()
 
 
-def shot(
-    number: int, purpose: ShotSet, commanded, measured=None, pair: int | None = None
-) -> AcceptedShot:
+def shot(number, purpose, commanded, measured=None, pair=None) -> AcceptedShot:
     """A shot whose reflector was where it was commanded, or at `measured` in the base frame."""
     place = np.array(commanded if measured is None else measured, dtype=float)
     seen = TRACKER_FROM_BASE.apply(place[None])[0]
@@ -71,14 +66,8 @@ def pairs(errors_mm: list[float]) -> list[AcceptedShot]:
     return shots
 
 
-def shots_of(accepted: list[AcceptedShot]) -> Shots:
-    return shots_of_journal(accepted, PAR4)
-
-
-def validated(
-    accepted: list[AcceptedShot], instrument: TrackerUncertainty = INSTRUMENT
-) -> ValidationResult:
-    return evaluate_validation(shots_of(accepted), instrument)
+def validated(accepted, instrument=INSTRUMENT) -> ValidationResult:
+    return evaluate_validation(shots_of_journal(accepted, PAR4), instrument)
 
 
 CENTRE_MM = np.array([10.0, 20.0, 30.0])
@@ -86,14 +75,12 @@ QUIET = TrackerUncertainty(1e-6, 0.0, 1e-6, 0.0)
 ALL_LIMITS = AcceptanceConfig(**dict.fromkeys(AcceptanceConfig.model_fields, 1.0))
 
 
-def measured(points, commanded=None):
-    """Points (N, 3) of a test, commanded in one place or at (N, 3)."""
+def measured(points, commanded=0.0, deviations=(0.01, 0.01, 0.01)):
+    """Points (N, 3) of a test, commanded in one place or at (N, 3), with 1 σ by coordinate."""
     points = np.array(points, dtype=float)
     poses = np.zeros((len(points), 4))
-    if commanded is not None:
-        poses[:, :3] = commanded
-    covariance = np.tile(1e-4 * np.eye(3), (len(points), 1, 1))
-    return poses, points, covariance
+    poses[:, :3] = commanded
+    return poses, points, np.tile(np.diag(np.square(deviations)), (len(points), 1, 1))
 
 
 def straightness_mm(points) -> float:
@@ -101,10 +88,6 @@ def straightness_mm(points) -> float:
     along_x = np.outer(np.arange(len(points)), np.eye(3)[0])
     (found,) = line_tests(*measured(points, along_x))
     return found.straightness.value_mm
-
-
-def rotation_mm(points) -> float:
-    return rotation_test(*measured(points)).moved.value_mm
 
 
 def decision_on(found: ValidationVerdict, name: str) -> str | None:
@@ -130,16 +113,14 @@ def test_each_line_is_recognised_by_its_axis_and_one_point_is_none() -> None:
     # without pairs the frame is that of all shots
     assert found.line("y").away_mm[2] == pytest.approx([0.0, 0.0, 0.8], abs=0.01)
     assert found.absolute_mm is None
-    found = validated(line(2))
-    assert [each.axis for each in found.lines] == ["z"]
-    assert found.line("x") is None
+    assert [each.axis for each in validated(line(2)).lines] == ["z"]
     assert validated(line(0)[:2]).lines == ()
 
 
 def test_rotation_is_the_largest_distance_between_any_two_points() -> None:
     angle = np.linspace(0.0, np.pi, 19)
     half_circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(19)])
-    assert rotation_mm(0.5 * half_circle) == pytest.approx(1.0)
+    assert rotation_test(*measured(0.5 * half_circle)).moved.value_mm == pytest.approx(1.0)
     assert rotation_test(*measured(half_circle[:1])) is None
 
 
@@ -148,22 +129,20 @@ def test_repeatability_of_points_on_a_sphere_is_its_radius() -> None:
     found = repeatability_test(*measured(CENTRE_MM + 0.4 * directions), in_base=False)
     assert found.radius.value_mm == pytest.approx(0.4)
     assert found.rp.value_mm == pytest.approx(0.4)
-    assert len(found.away_mm) == 6
 
 
 def test_distance_errors_are_those_of_whole_pairs() -> None:
     found = validated(pairs([0.3, -0.6, 0.0])).distances
     assert found.mean.value_mm == pytest.approx(0.3)
     assert found.largest.value_mm == pytest.approx(0.6)
-    assert validated(pairs([0.3, -0.6])[:-1]).distances.largest.value_mm == pytest.approx(0.3)
+    broken_pair = validated(pairs([0.3, -0.6])[:-1]).distances
+    assert broken_pair.pairs == (0,)
+    assert broken_pair.largest.value_mm == pytest.approx(0.3)
     assert validated(pairs([0.3])[:-1]).distances is None
-    assert validated(pairs([0.3, -0.6])[:-1]).distances.pairs == (0,)
 
 
 def test_absolute_accuracy_is_what_no_frame_can_explain() -> None:
-    corners = np.array(
-        [[x, y, z] for x in (0.0, 400.0) for y in (0.0, 400.0) for z in (0.0, 300.0)]
-    )
+    corners = np.array([*itertools.product((0.0, 400.0), (0.0, 400.0), (0.0, 300.0))])
 
     def away_mm(commanded):
         both = enumerate(zip(commanded, corners, strict=True))
@@ -173,46 +152,31 @@ def test_absolute_accuracy_is_what_no_frame_can_explain() -> None:
     assert (exact.mean(), exact.max()) == pytest.approx((0.0, 0.0), abs=1e-9)
     grown = away_mm(1.001 * corners)
     half_diagonal = np.linalg.norm([200.0, 200.0, 150.0])
-    assert grown.mean() == pytest.approx(0.001 * half_diagonal, rel=1e-6)
-    assert grown.max() == pytest.approx(0.001 * half_diagonal, rel=1e-6)
-
-
-@pytest.mark.parametrize("points", [np.outer(np.arange(6.0), (100.0, 0.0, 0.0)), np.eye(3)])
-def test_points_that_fix_no_frame_give_no_accuracy(points: np.ndarray) -> None:
-    found = validated([shot(n, ShotSet.VALIDATION, place) for n, place in enumerate(points)])
-    assert found.absolute_mm is None
+    assert (grown.mean(), grown.max()) == pytest.approx((0.001 * half_diagonal,) * 2, rel=1e-6)
+    for few_or_in_line in (corners[:3], np.outer(np.arange(6.0), (100.0, 0.0, 0.0))):
+        exact = [shot(n, ShotSet.VALIDATION, place) for n, place in enumerate(few_or_in_line)]
+        assert validated(exact).absolute_mm is None
 
 
 def test_test_that_was_not_run_is_null() -> None:
     found = validated(line(0))
-    assert found.document() == {
-        "distances_mm": None,
-        "rotation_mm": None,
-        "straightness_mm": {"x": found.line("x").straightness.value_mm},
-        "repeatability": None,
-        "frame_mm": None,
-        "iso9283": None,
-    }
+    document = found.document()
+    assert document.pop("straightness_mm") == {"x": found.line("x").straightness.value_mm}
+    assert set(document.values()) == {None}
     assert found.series == {"straightness": 0}
-    assert validated([]).document() == dict.fromkeys(found.document())
     assert set(validated([]).figures().values()) == {None}
 
 
-def with_deviations(points, deviations):
-    """Points whose coordinates have these standard deviations, commanded where they are."""
-    points = np.array(points, dtype=float)
-    commanded = np.column_stack([points, np.zeros(len(points))])
-    return commanded, points, np.tile(np.diag(np.square(deviations)), (len(points), 1, 1))
+DEVIATIONS = (0.1, 0.2, 0.4)
 
 
 def test_the_instrument_counts_in_the_direction_of_the_error_or_in_the_worst() -> None:
-    sideways = with_deviations([(0, 0, 0), (0, 1, 0)], (0.1, 0.2, 0.4))
+    sideways = measured([(0, 0, 0), (0, 1, 0)], deviations=DEVIATIONS)
     moved = rotation_test(*sideways).moved
-    assert moved.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * 0.2)
     assert moved.expanded_uncertainty_mm == pytest.approx(2.0 * np.sqrt(2.0) * 0.2)
-    along = with_deviations([(0, 0, 0), (1, 0, 0)], (0.1, 0.2, 0.4))
+    along = measured([(0, 0, 0), (1, 0, 0)], deviations=DEVIATIONS)
     assert rotation_test(*along).moved.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * 0.1)
-    same = with_deviations([(0, 0, 0), (0, 0, 0)], (0.1, 0.2, 0.4))
+    same = measured([(0, 0, 0), (0, 0, 0)], deviations=DEVIATIONS)
     radius = repeatability_test(*same, in_base=True).radius
     assert radius.value_mm == 0.0
     assert radius.standard_uncertainty_mm == pytest.approx(0.4)
@@ -220,7 +184,7 @@ def test_the_instrument_counts_in_the_direction_of_the_error_or_in_the_worst() -
 
 def test_each_distance_has_the_uncertainty_along_it_and_averaging_takes_nothing_off() -> None:
     points = [(0, 0, 0), (9, 0, 0), (0, 0, 5), (0, 7, 5)]
-    commanded, *seen = with_deviations(points, (0.1, 0.2, 0.4))
+    commanded, *seen = measured(points, points, DEVIATIONS)
     commanded[3, 1] = 5.0
     found = distance_test(pair_rows((3, 3, 4, 4)), commanded, *seen)
     assert found.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * np.array([0.1, 0.2]))
@@ -239,13 +203,16 @@ def whole() -> ValidationResult:
     return validated([*pairs([0.3, -0.6, 0.1]), *lines, *turned, *repeated, *cube_shots()])
 
 
-def test_every_figure_has_its_limit_and_meets_it_and_is_in_the_document(
-    whole: ValidationResult,
-) -> None:
+def test_every_figure_has_its_limit_and_meets_it(whole: ValidationResult) -> None:
     without_limits = validation_verdict(whole, AcceptanceConfig())
     assert (without_limits.decision, without_limits.reasons) == (NO_LIMIT, ())
     verdict = validation_verdict(whole, ALL_LIMITS)
     assert (verdict.decision, verdict.reasons) == ("pass", ())
+    assert limits_by_figure(ALL_LIMITS).keys() == whole.figures().keys()
+    assert set(limits_by_figure(ALL_LIMITS).values()) == {1.0}
+
+
+def test_every_figure_is_in_the_document(whole: ValidationResult) -> None:
     document = whole.document()
     assert document["distances_mm"] == pytest.approx({"mean_abs": 1.0 / 3.0, "max_abs": 0.6})
     assert document["rotation_mm"] == pytest.approx(0.4)
@@ -253,8 +220,6 @@ def test_every_figure_has_its_limit_and_meets_it_and_is_in_the_document(
     assert document["repeatability"]["radius_mm"] == pytest.approx(0.1)
     assert document["repeatability"]["approaches"] == 3
     assert 0.0 < document["frame_mm"]["mean"] < document["frame_mm"]["max"] < 0.6
-    assert limits_by_figure(ALL_LIMITS).keys() == whole.figures().keys()
-    assert set(limits_by_figure(ALL_LIMITS).values()) == {1.0}
 
 
 def test_broken_limits_are_named_with_value_and_limit() -> None:
@@ -263,15 +228,13 @@ def test_broken_limits_are_named_with_value_and_limit() -> None:
         distance_mean_mm=0.4, distance_max_mm=0.5, straightness_mm=0.5, rotation_mm=0.1
     )
     verdict = validation_verdict(found, limits)
-    broken = [each.in_words() for each in verdict.requirements if each.decision == "fail"]
-    largest, line_y = found.distances.largest, found.line("y").straightness
-    far, off = (f"{each.expanded_uncertainty_mm:.3f}" for each in (largest, line_y))
-    assert broken == [
-        f"distances, largest error 0.600 ± {far} mm, limit 0.5 mm: fail",
-        f"straightness along y 0.800 ± {off} mm, limit 0.5 mm: fail",
-    ]
+    broken = [each for each in verdict.requirements if each.decision == "fail"]
+    assert [each.name for each in broken] == ["distances, largest error", "straightness along y"]
+    assert [each.error for each in broken] == pytest.approx([0.6, 0.8])
+    expanded_mm = found.distances.largest.expanded_uncertainty_mm
+    words = f"distances, largest error 0.600 ± {expanded_mm:.3f} mm, limit 0.5 mm: fail"
+    assert words in verdict.reasons
     assert verdict.decision == "fail"
-    assert set(broken) < set(verdict.reasons)
     assert decision_on(verdict, "distances, mean error") == "pass"
 
 
@@ -283,13 +246,13 @@ def test_a_limit_without_a_measurement_or_within_its_uncertainty_is_not_decided(
     assert {each.decision for each in nothing.requirements} == {"not decided"}
     limits = AcceptanceConfig(distance_max_mm=0.6)
     loud = TrackerUncertainty(0.1, 0.0, 0.1, 0.0)
-    unclear = validation_verdict(validated(pairs([0.3, -0.59]), loud), limits)
-    assert unclear.decision == "not decided"
-    assert unclear.reasons == (
-        "distances, largest error 0.590 ± 0.283 mm, limit 0.6 mm: not decided",
-    )
-    assert validation_verdict(validated(pairs([0.3, -0.59]), QUIET), limits).decision == "pass"
-    assert validation_verdict(validated(pairs([0.3, -0.61]), QUIET), limits).decision == "fail"
+    for error_mm, instrument, decision in (
+        (-0.59, loud, "not decided"),
+        (-0.59, QUIET, "pass"),
+        (-0.61, QUIET, "fail"),
+    ):
+        found = validated(pairs([0.3, error_mm]), instrument)
+        assert validation_verdict(found, limits).decision == decision
 
 
 # Visits to P1 in the middle and P2 to P5 about it; commanded as in ISO 9283, order P5 to P1.
@@ -365,7 +328,6 @@ def test_poses_as_encoders_read_them_are_told_apart_and_alone_fix_the_frame() ->
     assert cube_frame(alone) == "frame fitted to these poses alone"
     both = validated([*pairs([0.0] * 4), *cube_shots()])
     assert cube_frame(both) == "frame fitted to the pairs"
-    assert validated(cube_shots()[:7]).cube[0].rp is not None
     assert len(validated(cube_shots()[:7]).cube) == 2  # of which there are two visits
 
 
@@ -377,9 +339,6 @@ def test_limits_of_the_cube_are_judged_and_not_asked_of_others() -> None:
     assert decision_on(verdict, "pose repeatability RP, worst") == "pass"
     other = validated(line(0))
     names = {each.name for each in validation_verdict(other, AcceptanceConfig()).requirements}
-    assert not names & {"pose accuracy AP, worst", "pose repeatability RP, worst"}
-    assert (
-        decision_on(validation_verdict(other, limits), "pose accuracy AP, worst") == "not decided"
-    )
-    gained = {each.name: each for each in gains(other, found)}["pose accuracy AP, worst"]
-    assert (gained.before, gained.after.value_mm) == (None, pytest.approx(0.13**0.5))
+    assert "pose accuracy AP, worst" not in names
+    judged = validation_verdict(other, limits)
+    assert decision_on(judged, "pose accuracy AP, worst") == "not decided"

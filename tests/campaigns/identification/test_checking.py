@@ -18,16 +18,14 @@ ELSEWHERE = from_paper_angles(np.array([0.01, 0.02, 0.8]), np.array([300.0, 900.
 
 @pytest.fixture(scope="module")
 def former():
-    campaign = rod_campaign("par4-prototype", SMALL, shots=100, seed=6)
-    how = IdentificationOptions(workspace=sample_workspace(campaign.robot, 60))
+    campaign = rod_campaign("par4-prototype", SMALL, shots=60, seed=6)
+    how = IdentificationOptions(workspace=sample_workspace(campaign.robot, 30))
     return campaign, identify(campaign.robot.kinematics, campaign.shots, how), how
 
 
 def few(former, count=8, encoder_deg=0.0, seed=1):
     """Shots of the same robot from another stand of the tracker, an encoder moved since."""
-    campaign, _, _ = former
-    rows = np.linspace(0, 99, count).astype(int)
-    shots = campaign.shots.rows(rows)
+    shots = former[0].shots.rows(np.linspace(0, 59, count).astype(int))
     noise_mm = 0.01 * np.random.default_rng(seed).standard_normal((count, 3))
     joints = shots.joints + np.radians([encoder_deg, 0.0, 0.0, 0.0])
     return replace(

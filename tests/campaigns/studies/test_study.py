@@ -14,29 +14,27 @@ from campaigns.identification.options import IdentificationOptions
 from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.robots.robot import find_robot
 from campaigns.studies.study import CampaignRow, StudySetup, planned_shots, simulate_campaigns
-from campaigns.studies.summary import chance, normal_scores, summarise
+from campaigns.studies.summary import normal_scores, summarise
 from campaigns.studies.table import MOST_LINE_BYTES, StudyTable
 from drivers.values import Pose
 
 pytestmark = pytest.mark.slow
 
-COUNT = 30
+COUNT = 24
 
 
 @pytest.fixture(scope="module")
 def setup():
-    """60 shots of the prototype."""
+    """40 shots of the prototype."""
     robot = find_robot("par4-prototype").robot
     view = View((2500.0, 0.0, -500.0), (2500.0, 0.0, 75.0), np.radians(25.0))
-    request = PlanRequest(60, 5, 2, Pose(0.0, 0.0, -575.0, 0.0))
+    request = PlanRequest(40, 5, 2, Pose(0.0, 0.0, -575.0, 0.0))
     return StudySetup(
         nominal=robot.kinematics,
         shots=planned_shots(make_plan(robot, view, request, np.random.default_rng(1))),
         options=IdentificationOptions(instrument=TrackerUncertainty(0.009, 0.0, 0.009, 0.0)),
-        tracker_from_base=from_paper_angles(
-            np.array([0.02, -0.03, 2.1]), np.array([2500.0, 400.0, 0.0])
-        ),
-        workspace=sample_workspace(robot, 60),
+        tracker_from_base=from_paper_angles(np.array([0.0, 0.0, 2.1]), np.array([2500.0, 400, 0])),
+        workspace=sample_workspace(robot, 30),
         seed=3,
     )
 
@@ -44,10 +42,6 @@ def setup():
 @pytest.fixture(scope="module")
 def outcomes(setup):
     return tuple(simulate_campaigns(setup, range(COUNT)))
-
-
-def names(setup):
-    return setup.model().parameters
 
 
 def test_numbers_depend_on_the_seed_and_not_on_how_campaigns_are_divided(setup, outcomes):
@@ -58,7 +52,8 @@ def test_numbers_depend_on_the_seed_and_not_on_how_campaigns_are_divided(setup, 
 
 
 def test_stated_deviations_of_parameters_and_positions_are_true(setup, outcomes):
-    summary = summarise(names(setup), outcomes)
+    names = setup.model().parameters
+    summary = summarise(names, outcomes)
     assert summary.failed == 0
     assert not summary.too_sure
     ratios = [parameter.ratio for parameter in summary.parameters]
@@ -67,12 +62,11 @@ def test_stated_deviations_of_parameters_and_positions_are_true(setup, outcomes)
     assert summary.position_mm == pytest.approx(summary.stated_mm, rel=0.25)
     # tails are heavier than normal ones, because the sizes of groups are estimated too
     assert np.median(np.abs(normal_scores(outcomes))) == pytest.approx(0.6745, abs=0.1)
-    estimates = [row.estimate for row in outcomes]
     halved = [
-        replace(row, estimate=replace(estimate, std=tuple(0.5 * s for s in estimate.std)))
-        for row, estimate in zip(outcomes, estimates, strict=True)
+        replace(row, estimate=replace(row.estimate, std=tuple(0.5 * s for s in row.estimate.std)))
+        for row in outcomes
     ]
-    assert summarise(names(setup), halved).too_sure
+    assert summarise(names, halved).too_sure
 
 
 def test_an_instrument_of_ones_own_measures_in_the_trackers_place(setup, outcomes):
@@ -81,35 +75,27 @@ def test_an_instrument_of_ones_own_measures_in_the_trackers_place(setup, outcome
     assert loud > 2.0 * np.mean([row.estimate.position_mm for row in outcomes[:2]])
 
 
-def test_held_parameters_are_neither_drawn_nor_found(setup):
+def test_held_parameters_are_neither_drawn_nor_fitted_and_their_errors_not_counted(setup):
     held = replace(setup, options=replace(setup.options, fix=("rods", "bars", "sag")))
-    assert not [name for name in names(held) if "skew" in name or "bar_turn" in name]
+    names = held.model().parameters
+    assert not [name for name in names if "skew" in name or "bar_turn" in name]
     (row,) = simulate_campaigns(held, [0])
-    assert len(row.estimate.errors) == len(names(held))
+    assert len(row.estimate.errors) == len(names)
 
 
-def test_campaign_that_cannot_be_measured_is_an_outcome_and_spoils_no_other(setup, outcomes):
+def test_campaign_that_cannot_be_measured_is_an_outcome(setup):
     broken = replace(setup, spread=(400.0, 40.0))
-    rows = tuple(simulate_campaigns(broken, range(3)))
+    rows = tuple(simulate_campaigns(broken, range(2)))
     assert all(row.failure or row.estimate for row in rows)
     assert any(row.failure for row in rows)
 
 
-def test_plan_of_too_few_shots_is_refused():
-    with pytest.raises(PlanInvalid, match="0 shots to identify from are too few"):
+def test_study_of_too_few_shots_or_of_failures_is_refused_with_the_reason():
+    with pytest.raises(PlanInvalid, match="0 shots"):
         planned_shots([])
-
-
-def test_study_of_failures_is_refused_with_their_reason(setup):
     failures = [CampaignRow(number, failure="the mechanism broke") for number in range(3)]
-    with pytest.raises(ShotsMissing, match=r"0 of 3 campaigns.*the mechanism broke"):
-        summarise(names(setup), failures)
-
-
-def test_chance_gets_narrower_with_more_campaigns():
-    few, many = chance(22, 50), chance(22, 5000)
-    assert few["ratio"][0] < many["ratio"][0] < 1.0 < many["ratio"][1] < few["ratio"][1]
-    assert few["covered_95"][0] < many["covered_95"][0] < 0.95
+    with pytest.raises(ShotsMissing, match="the mechanism broke"):
+        summarise(["plate_mm"], failures)
 
 
 def begin(table):
@@ -120,13 +106,12 @@ def begin(table):
     return fresh
 
 
-def head(study="0123456789ab", names=("a", "b")):
-    return {"schema": "pkmcal/study-table/3", "study": study, "parameters": list(names)}
+HEAD = {"schema": "pkmcal/study-table/3", "study": "0123456789ab", "parameters": ["a", "b"]}
 
 
 @pytest.fixture
 def table(tmp_path):
-    return begin(StudyTable(tmp_path / "study.jsonl", head()))
+    return begin(StudyTable(tmp_path / "study.jsonl", HEAD))
 
 
 def test_table_gives_back_its_rows_and_is_the_same_in_whatever_order_they_came(table, outcomes):
@@ -152,20 +137,15 @@ def test_row_that_was_cut_off_is_computed_again(table, outcomes):
     assert table.path.read_text(encoding="utf-8") == whole
 
 
-def test_line_without_end_is_not_read(table):
-    table.path.write_bytes(table.path.read_bytes() + b" " * MOST_LINE_BYTES)
-    with pytest.raises(OutputExists, match="a line has more than 1 MB"):
-        begin(table)
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (json.dumps(head(study="ba9876543210")), r"study\.jsonl: belongs to another study"),
-        (json.dumps(head(names=("a",))), r"a study of other parameters .* another folder"),
-        ("", "is no table of `pkmcal study`"),
-        ("[" * 99_999 + "\n", "is no table of `pkmcal study`"),
-        ("mine", "is no table of `pkmcal study`"),
+        (json.dumps(HEAD | {"study": "ba9876543210"}), "another study"),
+        (json.dumps(HEAD | {"parameters": ["a"]}), "a study of other parameters"),
+        ("", "is no table"),
+        ("[" * 99_999 + "\n", "is no table"),
+        (json.dumps(HEAD) + "\n" + " " * MOST_LINE_BYTES, "a line has more than 1 MB"),
+        (json.dumps(HEAD) + '\n{"campaign": "one"}\n', r"study\.jsonl:2: is no result"),
     ],
 )
 def test_any_other_file_is_refused_and_left_alone(table, text, said):
@@ -173,14 +153,6 @@ def test_any_other_file_is_refused_and_left_alone(table, text, said):
     with pytest.raises(OutputExists, match=said):
         begin(table)
     assert table.path.read_text(encoding="utf-8") == text
-
-
-@pytest.mark.parametrize("line", ["", '{"campaign": "one"}'])
-def test_foreign_line_is_refused_with_its_number(table, outcomes, line):
-    table.add(outcomes[:1])
-    table.path.write_text(table.path.read_text() + line + "\n")
-    with pytest.raises(OutputExists, match=r"study\.jsonl:3: is no result of `pkmcal study`"):
-        begin(table)
 
 
 def test_table_that_cannot_be_written_says_so(table, outcomes):
