@@ -25,11 +25,8 @@ def test_settings_offer_the_drivers_that_there_are():
     [
         (ControllerConfig, "robotline", "by-hand"),
         (ControllerConfig, "by-hand", "tcp://robot:5020"),
-        (ControllerConfig, "by-hand", "offline"),
-        (ControllerConfig, "robotline", "file:points.txt"),
         (TrackerConfig, "emscon", "file:points.txt"),
         (TrackerConfig, "watch-file", "sim://cell"),
-        (TrackerConfig, "watch-file", "by-hand"),
     ],
 )
 def test_driver_and_address_have_to_fit(section, driver, url):

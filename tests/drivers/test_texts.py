@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import DeviceRefused
-from drivers.texts import printable, quoted, shortened
+from drivers.texts import printable, quoted
 
 ANY_SIGN = st.characters(codec=None)
 
@@ -38,13 +38,6 @@ def test_what_is_shown_is_one_line_that_any_terminal_can_take(text):
     assert printable(shown) == shown
     shown.encode("utf-8")
     assert not {unicodedata.category(sign) for sign in shown} & {"Cc", "Cs", "Zl", "Zp"}
-
-
-@given(st.text(max_size=200), st.integers(10, 100))
-def test_a_shortened_text_keeps_its_ends(text, most):
-    short = shortened(text, most)
-    assert len(short) <= most
-    assert short == text or (text.startswith(short[:4]) and text.endswith(short[-4:]))
 
 
 def test_an_error_is_one_clean_line_of_bounded_length_with_its_remedy():

@@ -32,8 +32,8 @@ class Person:
         return self.answers.pop(0)
 
 
-def robot(*answers, prompt=...):
-    person = Person(*answers)
+def robot(*answers):
+    person = Person(*answers) if answers else None
     kept = {"plate_mm": 100.0}
     settings = HandSettings(
         serial="SN-1",
@@ -45,11 +45,7 @@ def robot(*answers, prompt=...):
     )
     made = RobotByHand(
         RobotSurroundings(
-            layout=PAR4_LAYOUT,
-            prompt=person if prompt is ... else prompt,
-            settings=settings,
-            open_transport=None,
-            clock=None,
+            layout=PAR4_LAYOUT, prompt=person, settings=settings, open_transport=None, clock=None
         )
     )
     made.connect()
@@ -106,7 +102,7 @@ def test_parameters_count_as_loaded_once_somebody_says_so():
 
 
 def test_nobody_there_is_refused_by_name_before_anything_moves():
-    _, moved = robot(prompt=None)
+    _, moved = robot()
     assert moved.state().joints == ()
     prepares = {"controller": moved.prepare, "tracker": lambda: tracker(None).prepare("CCR", 1.0)}
     for device, prepare in prepares.items():

@@ -36,10 +36,8 @@ class TestPrepare:
         assert instrument.body_of(Command.SET_COORDINATE_SYSTEM_TYPE).value == 0
         assert instrument.body_of(Command.SET_MEASUREMENT_MODE).value == 0
         assert Command.INITIALIZE not in instrument.commands(), "it is, and is not moved"
-
-    def test_points_are_in_the_instruments_own_frame_and_its_equipment_stays(self, station):
-        settings = station.instrument.state[Command.GET_SYSTEM_SETTINGS]
-        assert settings == bodies.SystemSettings(1, 0, 0, 1, 1, 0, 0, 1, 1)
+        in_own_frame = bodies.SystemSettings(1, 0, 0, 1, 1, 0, 0, 1, 1)
+        assert instrument.state[Command.GET_SYSTEM_SETTINGS] == in_own_frame
 
     @pytest.mark.parametrize(("takes_s", "succeeds"), [(119.0, True), (121.0, False)])
     def test_instrument_is_initialised_in_two_minutes_or_never(self, takes_s, succeeds):
@@ -120,25 +118,18 @@ class TestPrepare:
         with pytest.raises(DeviceRefused, match=r"SetStationaryModeParams was refused: emScon"):
             Station(instrument).prepared()
 
-    def test_busy_tracker_is_asked_again_until_it_has_finished(self):
+    def test_busy_tracker_is_asked_again_until_it_has_finished_or_time_is_over(self):
         station = Station().connected()
-        free_s = station.clock.now_s() + 10.0
-
-        def busy(request):
-            is_busy = station.clock.now_s() < free_s
-            return [(0.0, refusal(request.command, 1))] if is_busy else None
-
-        station.instrument.says[Command.SET_UNITS] = busy
+        busy = [(0.0, refusal(Command.SET_UNITS, ResultStatus.SERVER_BUSY))]
+        station.instrument.says[Command.SET_UNITS] = lambda _: (
+            busy if station.clock.now_s() < 10.0 else None
+        )
         station.tracker.prepare("CCR-1.5in", 2.0)
         assert station.clock.now_s() == pytest.approx(10.0, abs=0.2)
-
-    def test_tracker_that_stays_busy_is_given_up(self):
-        instrument = Instrument()
-        instrument.refuses[Command.SET_UNITS] = 1
-        station = Station(instrument, deadlines=EmsconDeadlines(busy_s=3.0))
+        station.instrument.says[Command.SET_UNITS] = busy
         with pytest.raises(DeviceNotReady, match="server busy"):
-            station.connected()
-        assert station.clock.now_s() == pytest.approx(3.0, abs=0.2)
+            station.tracker.reconnect()
+        assert station.clock.now_s() == pytest.approx(40.0, abs=0.5)
 
     def test_instrument_without_covariances_is_prepared_all_the_same(self):
         instrument = Instrument()

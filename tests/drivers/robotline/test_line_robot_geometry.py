@@ -140,8 +140,7 @@ def test_another_refusal_is_not_taken_for_a_lack_of_extensions():
 def test_controller_is_asked_for_each_kind_of_parameter_by_name():
     controller = tilting("NO ARGUMENT no such word")
     tilts = [name for name in TILTING_LAYOUT.extensions if name.endswith("axis_tilt_deg")]
-    for name in tilts:
-        controller.answers[f"GEOM {name}"] = f"OK {name} 0.25"
+    controller.answers |= {f"GEOM {name}": f"OK {name} 0.25" for name in tilts}
     assert controller.robot.read_geometry() == FLAT | dict.fromkeys(tilts, 0.25)
     lacking = controller.robot.lacks(["arm0.x_mm", *TILTS, "arm0.not_on_the_wire_deg"])
     assert lacking == ("arm2.parallelogram_skew_deg", "arm0.not_on_the_wire_deg")

@@ -35,27 +35,19 @@ def test_stop_opens_a_closed_wire_says_stop_first_and_the_rest_waits_for_a_recon
     assert all(pipe.is_closed for pipe in controller.pipes)
 
 
-def wish_after(controller, seconds):
-    """The wish to stop, from then on."""
-    asked_s = controller.clock.now_s() + seconds
-    return lambda: controller.clock.now_s() >= asked_s
-
-
 @pytest.mark.parametrize("verb", ["STATE", "MOVEJ"])
 def test_pending_question_is_abandoned_and_stop_goes_over_a_new_wire_at_once(verb):
-    wishes = [lambda: False]
-    controller = connected(cancelled=lambda: wishes[-1]())
+    pressed_s, sent_s = [1e9], []
+    controller = connected(cancelled=lambda: controller.clock.now_s() >= pressed_s[0])
     controller.answers[verb] = None
-    wishes.append(wish_after(controller, 0.3))
-    pressed_s = controller.clock.now_s() + 0.3
+    pressed_s[0] = controller.clock.now_s() + 0.3
     with pytest.raises(Cancelled):
         controller.robot.state() if verb == "STATE" else controller.robot.move_joints([0.0] * 4, 1)
     controller.answers[verb] = STANDING
-    sent_s = []
     usual = controller.respond
     controller.respond = lambda data: sent_s.append(controller.clock.now_s()) or usual(data)
     controller.robot.stop()
-    assert sent_s[0] - pressed_s <= 0.03
+    assert sent_s[0] - pressed_s[0] <= 0.03
     assert controller.verbs == [verb, "STOP", "STATE"]
 
 

@@ -96,12 +96,6 @@ def test_row_that_comes_after_the_question_is_the_point(tmp_path, before, doings
     assert recorded_measurement(measured.raw) == (POINT, None)
 
 
-def test_line_is_a_row_with_its_end_only_however_long_its_writer_waits(tmp_path):
-    half = appends("Main p2 2000.5 10.25 -300")
-    _, tracker = watched(tmp_path, "", half, *[nothing] * 50, appends(".125\n"))
-    assert tracker.measure().point_in_tracker_mm == POINT
-
-
 @pytest.mark.parametrize(
     ("before", "doings", "said"),
     [
@@ -127,15 +121,6 @@ def test_row_that_is_measured_twice_is_no_measurement(tmp_path):
         tracker.measure()
 
 
-def test_of_two_sets_of_columns_the_settings_choose(tmp_path):
-    head = "Name;X nom;Y nom;Z nom;X act;Y act;Z act\r\n"
-    row = appends("P1;0;0;0;2000.5;10.25;-300.125\r\n")
-    with pytest.raises(ShotsInvalid, match=r"choose with tracker\.watch\.coordinates actual"):
-        watched(tmp_path, head, row)[1].measure()
-    _, tracker = watched(tmp_path, head, row, coordinates="actual")
-    assert tracker.measure().point_in_tracker_mm == POINT
-
-
 @pytest.mark.parametrize(("codec", "encoding"), [("utf-16", None), ("cp1252", "cp1252")])
 def test_other_encodings_are_read(tmp_path, codec, encoding):
     text = "name;x [µm];y [µm];z [µm]\n"
@@ -154,7 +139,6 @@ def test_unit_and_columns_are_those_of_the_settings(tmp_path):
     ("row", "error", "said"),
     [
         ("Main p2 2000,5 10,25 -300,1", ShotsInvalid, "give tracker.watch.decimal comma"),
-        ("Main p2 2000.5 10.25", ShotsInvalid, "no three numbers"),
         ("Main p2 2e6 0.0 0.0", ImplausibleAnswer, "possible is 0 to 200000 mm"),
     ],
 )

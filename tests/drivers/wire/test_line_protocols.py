@@ -91,8 +91,6 @@ def test_bad_answer_is_a_wire_error(case):
         "<1 MEASURE OK 1 CCR 1.0 2.0 3.0",
         "<1 MEASURE OK 1 CCR 1.0 2.0 3.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0",
         "<1 MEASURE OK 1 CCR nan 2.0 3.0 0.0 0.0 0.0 0.0 0.0 0.0",
-        "<1 MEASURE OK -1 CCR 1.0 2.0 3.0 0.0 0.0 0.0 0.0 0.0 0.0",
-        "<1 STATE OK 0 1 1 2 CCR",
         "<1 AIR OK 20 1013.25 45.0",
     ],
 )

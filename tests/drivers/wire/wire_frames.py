@@ -3,7 +3,6 @@
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 from random import Random
 from typing import NamedTuple, get_args
@@ -123,7 +122,9 @@ def frame(wire: Wire, draw: Random) -> list[bytes]:
         return [golden[: draw.randrange(len(golden))], draw.choice(wire.examples)]
     some = [draw.choice(wire.examples) for _ in range(draw.randrange(2, 6))]
     some[draw.randrange(len(some))] = mutated(golden, draw)
-    return pieces(b"".join(some), draw)
+    data = b"".join(some)
+    cut = draw.randrange(len(data) + 1)
+    return [data[:cut], data[cut:]]
 
 
 def mutated(golden: bytes, draw: Random) -> bytes:
@@ -144,10 +145,3 @@ def mutated(golden: bytes, draw: Random) -> bytes:
                 odd = draw.choice(ODD)
                 data[at : at + len(odd)] = odd
     return bytes(data)
-
-
-def pieces(data: bytes, draw: Random) -> list[bytes]:
-    """The same bytes as a wire may bring them."""
-    cuts = sorted(draw.randrange(len(data) + 1) for _ in range(draw.randrange(4)))
-    edges = [0, *cuts, len(data)]
-    return [data[a:b] for a, b in pairwise(edges)]
