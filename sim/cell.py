@@ -41,7 +41,7 @@ from sim.tracker.instrument import SimulatedTracker, TakenShot, TrackerState
 
 SCHEMA: Literal["pkmcal/cell-memory/1"] = "pkmcal/cell-memory/1"
 REMEDY = "delete the simulated cell's memory to begin with a new cell"
-NEST = "nest "
+NEST_PREFIX = "nest "
 """Before the names of nests, so that none is called as another target."""
 REMEMBERED_WITHIN_MM = 0.1
 """Distance of the plate beyond what the arms can have grown since the robot came to rest."""
@@ -91,7 +91,7 @@ class CellMemory(BaseModel):
         return self
 
 
-def remembered(memory: Mapping[str, object], *, scenario: str, mechanism: str) -> CellMemory:
+def check_memory(memory: Mapping[str, object], *, scenario: str, mechanism: str) -> CellMemory:
     """Check a memory and return it; raises `SimError` if it is damaged or another cell's."""
     try:
         past = CellMemory.model_validate_json(json.dumps(memory))
@@ -130,8 +130,8 @@ class Cell:
         self.kind = kind
         past = None
         if memory is not None:
-            past = remembered(memory, scenario=scenario.name, mechanism=kind.name)
-        self.seed = _agreed_seed(scenario, seed, past)
+            past = check_memory(memory, scenario=scenario.name, mechanism=kind.name)
+        self.seed = _resolve_seed(scenario, seed, past)
         self.true_geometry = factory.true_geometry(section, self.seed)
         truth = geometry_of(self.true_geometry, kind)
         # All draws of manufacture are made again in each process: the seed keeps the robot, and
@@ -139,7 +139,7 @@ class Cell:
         rods = RodMechanism(truth, factory.build_of(section, truth, self.seed))
         behaviour = factory.behaviour(section, self.seed)
         self._state = state = (
-            _first_state(scenario, self.seed, rods, truth, behaviour.transmission).model_copy(
+            _make_first_state(scenario, self.seed, rods, truth, behaviour.transmission).model_copy(
                 update={"attempts_before": attempts_before}
             )
             if past is None
@@ -153,7 +153,7 @@ class Cell:
             rods,
             behaviour,
             factory.mount(section, self.station),
-            _standing(state, rods, section.thermal.growth(state.worked_s)),
+            _restore_standing(state, rods, section.thermal.growth(state.worked_s)),
             worked=self._worked,
             arrivals=self._attempts(Purpose.ARRIVAL, state.arrivals),
         )
@@ -166,7 +166,7 @@ class Cell:
             kinematics=factory.controller_kinematics(scenario, self.true_geometry),
         )
         self._scene = Scene(self.controller, self.robot)
-        self.tracker = self._tracker(state)
+        self.tracker = self._make_tracker(state)
 
     def true_reflector_mm(self, now_s: float) -> Array:
         """Return the reflector's true place (3,) in the base frame. A back door for tests."""
@@ -204,9 +204,9 @@ class Cell:
     def _attempts(self, purpose: Purpose, counts: Mapping[str, int]) -> Attempts:
         return Attempts(self.seed, purpose, counts, self._state.attempts_before)
 
-    def _tracker(self, state: CellMemory) -> SimulatedTracker:
+    def _make_tracker(self, state: CellMemory) -> SimulatedTracker:
         section = self.scenario.tracker
-        standing = {NEST + nest.name: np.array(nest.place_mm) for nest in section.nests}
+        standing = {NEST_PREFIX + nest.name: np.array(nest.place_mm) for nest in section.nests}
         if (other := section.other_reflector_mm) is not None:
             standing[Target.STANDING] = np.array(other)
         # cached: by identity `Beam` finds out whether the stand has crept since its last look
@@ -233,7 +233,7 @@ class Cell:
         )
 
 
-def _first_state(
+def _make_first_state(
     scenario: Scenario, seed: int, rods: RodMechanism, truth: Geometry, gears: Transmission
 ) -> CellMemory:
     """Return the state of a new cell.
@@ -280,7 +280,7 @@ def _first_state(
     )
 
 
-def _agreed_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) -> int:
+def _resolve_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) -> int:
     """Return the seed asked for, the remembered one, or the scenario's, in this order."""
     if past is None:
         return scenario.seed if seed is None else seed
@@ -289,7 +289,7 @@ def _agreed_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) 
     return past.seed
 
 
-def _standing(state: CellMemory, rods: RodMechanism, growth: Growth) -> Standing:
+def _restore_standing(state: CellMemory, rods: RodMechanism, growth: Growth) -> Standing:
     """Restore the standing to the last bit, so that everything goes on unchanged."""
     # The assembly is solved only to check the memory and to find its side. The plate itself stays
     # the remembered one: a second solution would differ from it in the last bits.

@@ -128,20 +128,20 @@ def follow(rods: RodMechanism, start: Assembly, target: Array, growth: Growth = 
     length_rad = float(np.abs(change).max()) / rods.kind.scale
     if length_rad == 0.0:
         return restore(rods, target, start.plate, growth)
-    here, part, step = start, 0.0, STEP_RAD / length_rad
+    assembly, part, step = start, 0.0, STEP_RAD / length_rad
     while part < 1.0:
         tried = min(part + step, 1.0)
         at_end = tried == 1.0
         joints = target if at_end else start.joints + tried * change
         settled_mm = SETTLED_MM if at_end else ON_THE_WAY_MM
-        reached = _step(rods, here, joints, growth, settled_mm)
-        if reached is not None:
-            here, part, step = reached, tried, STEP_RAD / length_rad
+        candidate = _step(rods, assembly, joints, growth, settled_mm)
+        if candidate is not None:
+            assembly, part, step = candidate, tried, STEP_RAD / length_rad
         elif step * length_rad > SMALLEST_STEP_RAD:
             step *= 0.5
         else:
             raise _assembly_lost(rods.kind, joints, part)
-    return here
+    return assembly
 
 
 def _step(

@@ -82,14 +82,14 @@ class AxisMotion:
         return self.start + travelled * (self.target - self.start)
 
 
-def smooth_motion(start: Array, target: Array, speed_per_s: float, now_s: float) -> AxisMotion:
+def plan_motion(start: Array, target: Array, speed_per_s: float, now_s: float) -> AxisMotion:
     """Plan a motion whose fastest joint just reaches a speed."""
     longest = float(abs(target - start).max())
     duration_s = max(PEAK_OF_SMOOTH * longest / speed_per_s, SHORTEST_S)
     return AxisMotion(start, target, now_s, duration_s, smooth)
 
 
-def braked(motion: AxisMotion, now_s: float) -> AxisMotion:
+def brake(motion: AxisMotion, now_s: float) -> AxisMotion:
     """Brake a motion at once on its own path; one that is nearly over stays unchanged."""
     remaining_s = motion.end_s - now_s
     if remaining_s < 1.5 * BRAKING_S:
@@ -222,7 +222,7 @@ class SimulatedController:
         self._advance(now_s)
         if self._motion is None:
             return self._joints
-        return self._quantised(self._motion.joints(now_s))
+        return self._round_to_steps(self._motion.joints(now_s))
 
     def move_joints(self, target: Sequence[float], speed_fraction: float, now_s: float) -> float:
         """Start a joint move and return its duration, s; raises `Refusal`."""
@@ -230,7 +230,7 @@ class SimulatedController:
         self._check_speed(speed_fraction)
         joints = np.array(target, dtype=float)
         self._check_limits(joints)
-        return self._start(self._quantised(joints), speed_fraction, now_s)
+        return self._start(self._round_to_steps(joints), speed_fraction, now_s)
 
     def move_pose(
         self,
@@ -290,7 +290,7 @@ class SimulatedController:
         if self._trouble.kind == "stall":
             self._trouble = NO_TROUBLE
         if self._motion is not None:
-            self._motion = braked(self._motion, now_s)
+            self._motion = brake(self._motion, now_s)
             # the braked motion ends short of where the fault or the mechanism would have stopped it
             self._ends_in = NO_TROUBLE
 
@@ -311,7 +311,7 @@ class SimulatedController:
         motion = self._motion
         if motion is not None and now_s >= motion.end_s:
             self._motion = None
-            self._joints = self._quantised(motion.target)
+            self._joints = self._round_to_steps(motion.target)
             self._robot.arrive(self._joints, target_key(self._joints.tolist()))
             # the nominal duration counts, however late this call is
             self._worked.seconds += motion.duration_s
@@ -328,10 +328,10 @@ class SimulatedController:
         if fault is not None and part > HALFWAY:
             part = HALFWAY
         speed_per_s = speed_fraction * self._speed_per_s
-        whole = smooth_motion(self._joints, target, speed_per_s, now_s)
+        whole = plan_motion(self._joints, target, speed_per_s, now_s)
         if part < 1.0:
             target = self._joints + part * (target - self._joints)
-        self._motion = smooth_motion(self._joints, target, speed_per_s, now_s)
+        self._motion = plan_motion(self._joints, target, speed_per_s, now_s)
         self._ends_in = _trouble_after(fault, part, self._motion.end_s)
         return whole.duration_s
 
@@ -360,7 +360,7 @@ class SimulatedController:
                     "LIMIT", f"joint {joint} to {kind.text(value, '.4f')}, limits {limits}"
                 )
 
-    def _quantised(self, joints: Array) -> Array:
+    def _round_to_steps(self, joints: Array) -> Array:
         step = self._encoder_step
         steps: Array = np.round(joints / step)
         return steps * step

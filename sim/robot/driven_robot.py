@@ -107,7 +107,7 @@ class DrivenRobot:
     def passable_part(self, encoders: Array) -> float:
         """Return the part of the straight joint path, 0 to 1, that the mechanism follows freely."""
         try:
-            self._ahead = self._followed(self.standing.assembly, encoders)
+            self._ahead = self._follow_encoders(self.standing.assembly, encoders)
         except AssemblyLost as lost:
             # the robot stops short of the edge: at the singularity itself no assembly is solvable,
             # and the scatter of an arrival could carry it beyond
@@ -122,13 +122,13 @@ class DrivenRobot:
 
         Call `passable_part` first: raises `AssemblyLost` for readings beyond what it let through.
         """
-        play = self._play(encoders)
+        play = self._play_at(encoders)
         draw = self.arrivals.next_generator(target)
         jitter = self._behaviour.joint_noise * draw.standard_normal(len(encoders))
         limit_mm = self._behaviour.position_noise_mm
         displaced_mm = limit_mm * draw.uniform(-1.0, 1.0, 3)
         joints = self._behaviour.transmission.joints(encoders) + play + jitter
-        assembly = self._moved(self._ahead, joints)
+        assembly = self._move_and_yield(self._ahead, joints)
         self.standing = Standing(encoders, play, assembly, displaced_mm)
         self._ahead = assembly
 
@@ -141,24 +141,25 @@ class DrivenRobot:
             is_same = at is encoders or np.array_equal(at, encoders)
             if is_same and standing is self.standing and grown == growth:
                 return seen
-        seen = self._view(encoders)
+        seen = self._look(encoders)
         self._last_view = self.standing, growth, encoders, seen
         return seen
 
-    def _view(self, encoders: Array) -> SeenReflector:
+    def _look(self, encoders: Array) -> SeenReflector:
         standing = self.standing
         if np.array_equal(encoders, standing.encoders):
             # solved again, since parts may have grown while the robot stood; the joints stay
             at_rest = standing.assembly
             now = restore(self._rods, at_rest.joints, at_rest.plate, self._growth())
-            return self._seen(now, standing.displaced_mm)
-        return self._seen(self._followed(standing.assembly, encoders), np.zeros(3))
+            return self._locate_reflector(now, standing.displaced_mm)
+        on_the_way = self._follow_encoders(standing.assembly, encoders)
+        return self._locate_reflector(on_the_way, np.zeros(3))
 
-    def _followed(self, start: Assembly, encoders: Array) -> Assembly:
+    def _follow_encoders(self, start: Assembly, encoders: Array) -> Assembly:
         joints = self._behaviour.transmission.joints(encoders)
-        return self._moved(start, joints + self._play(encoders))
+        return self._move_and_yield(start, joints + self._play_at(encoders))
 
-    def _moved(self, start: Assembly, joints: Array) -> Assembly:
+    def _move_and_yield(self, start: Assembly, joints: Array) -> Assembly:
         """Return the assembly after a path to joints, which then yield under the weights."""
         # The torques are those of the rigid pose: yielding by arc minutes hardly changes them,
         # so one correction is enough.
@@ -168,7 +169,7 @@ class DrivenRobot:
         yielded = joints + load.yielding(self._rods, joints, rigid.plate)
         return restore(self._rods, yielded, rigid.plate, self._growth())
 
-    def _play(self, encoders: Array) -> Array:
+    def _play_at(self, encoders: Array) -> Array:
         """Return each joint's play (n,) at encoder readings, by the way from the last standing."""
         # Play operator: while the gear moves inside its lost motion the arm stays where it is, so
         # the play changes by minus the gear's motion; at ± half the backlash a flank touches and
@@ -180,7 +181,7 @@ class DrivenRobot:
     def _growth(self) -> Growth:
         return self._grown(self._worked.seconds)
 
-    def _seen(self, assembly: Assembly, displaced_mm: Array) -> SeenReflector:
+    def _locate_reflector(self, assembly: Assembly, displaced_mm: Array) -> SeenReflector:
         rotation, mount = assembly.plate.rotation, self._mount
         point_mm = self._rods.reflector_mm(assembly.plate, mount.point_mm, mount.half)
         return SeenReflector(point_mm + displaced_mm, rotation @ mount.facing)

@@ -58,7 +58,7 @@ RADIAN_AS_MM = 100.0
 """Length by which a step in angle is compared with one in position."""
 SETTLED_MM = 1e-9
 """A last step this small leaves an error of the size of rounding, since convergence is fast."""
-ITERATIONS = 25
+MOST_ITERATIONS = 25
 
 
 class Growth(NamedTuple):
@@ -217,7 +217,7 @@ class RodMechanism:
         # come in small steps from a settled neighbour (`follow`) or with a guess close by.
         elbows_mm = self.elbows_mm(joints, growth)
         unknowns = guess.unknowns
-        for _ in range(ITERATIONS):
+        for _ in range(MOST_ITERATIONS):
             misfits_mm, jacobian = self.misfit(elbows_mm, unknowns, growth)
             jacobian[:, 3:] /= RADIAN_AS_MM
             step_mm = np.linalg.lstsq(jacobian, -misfits_mm, rcond=None)[0]

@@ -54,7 +54,7 @@ def tilted_joints_for(
     Raises `OutOfReach`.
     """
     # Each round settles from the plate of the round before, which is close: so the assembly stays.
-    geometry, rods = _mechanism(flat, kind, sizes)
+    geometry, rods = _build_mechanism(flat, kind, sizes)
     compliance = _compliance(flat, kind)
     level = Plate.level(kind, position_mm, turn_rad)
     wanted_mm = rods.reflector_mm(level, sizes.reflector_mm)
@@ -93,7 +93,7 @@ def _compliance(flat: Mapping[str, float], kind: Kind) -> Array:
     return np.array([kind.inner(value) for value in values]) * kind.scale / CRANK_MM
 
 
-def _mechanism(
+def _build_mechanism(
     flat: Mapping[str, float], kind: Kind, sizes: KnownPlate
 ) -> tuple[Geometry, RodMechanism]:
     """Build the contracted robot and its single rods from flat parameters."""
@@ -105,7 +105,7 @@ def _mechanism(
     tilts = column("axis_tilt_deg")
     geometry = geometry_of(flat, kind)
     if kind.on_rails:
-        geometry = _on_tilted_rails(geometry, column("rail_tilt_deg"))
+        geometry = _tilt_rails(geometry, column("rail_tilt_deg"))
     # the rod on the side of the bar's direction is the longer one of a positive skew
     half_mm = 0.5 * sizes.rod_spacing_mm * column("parallelogram_skew_deg")
     build = Build(
@@ -119,19 +119,19 @@ def _mechanism(
         return geometry, RodMechanism(geometry, build)
     # `RodMechanism` tilts a rail together with its bar, but this parameter tilts the bar alone: the
     # rails are turned back first, so that they end where their own parameters have them
-    untilted = _along(geometry, turned(geometry.rails, geometry.outward, -tilts))
+    untilted = _with_rails(geometry, turned(geometry.rails, geometry.outward, -tilts))
     return geometry, RodMechanism(untilted, build)
 
 
-def _on_tilted_rails(geometry: Geometry, tilts_rad: Array) -> Geometry:
+def _tilt_rails(geometry: Geometry, tilts_rad: Array) -> Geometry:
     """Turn rails out of the vertical plane of their azimuth."""
     azimuths = geometry.azimuths_rad
     aside = np.column_stack([-np.sin(azimuths), np.cos(azimuths), np.zeros_like(azimuths)])
     tilted = np.cos(tilts_rad)[:, None] * geometry.rails + np.sin(tilts_rad)[:, None] * aside
-    return _along(geometry, tilted)
+    return _with_rails(geometry, tilted)
 
 
-def _along(geometry: Geometry, rails: Array) -> Geometry:
+def _with_rails(geometry: Geometry, rails: Array) -> Geometry:
     """Return the geometry with rails of these directions, (n, 3)."""
     level = np.hypot(rails[:, 0], rails[:, 1])
     return replace(

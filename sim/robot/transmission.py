@@ -24,7 +24,7 @@ from sim.robot.rods import Plate, RodMechanism
 
 JOINT_STEP = 1e-6
 """Step of a joint for the derivative of the elbows' places, rad or mm."""
-HEIGHT = 2
+Z_INDEX = 2
 """Index of z among a plate's unknowns."""
 READING_ROUNDS = 30
 LEAST_MOTION = 1e-9
@@ -104,13 +104,13 @@ def heights_by_joints(rods: RodMechanism, joints: Array, plate: Plate) -> tuple[
     # 2. Of that motion only the row of z is needed.
     elbows_mm = rods.elbows_mm(joints)
     _, by_plate = rods.misfit(elbows_mm, plate.unknowns)
-    lift = np.linalg.pinv(by_plate)[HEIGHT]
+    lift = np.linalg.pinv(by_plate)[Z_INDEX]
     elbow, whole = np.empty(len(joints)), np.empty(len(joints))
     for joint in range(len(joints)):
         moved = joints.copy()
         moved[joint] += JOINT_STEP
         elbow_rates = (rods.elbows_mm(moved) - elbows_mm) / JOINT_STEP
-        elbow[joint] = elbow_rates[2 * joint, HEIGHT]
+        elbow[joint] = elbow_rates[2 * joint, Z_INDEX]
         # the first three columns are the rods' unit vectors
         whole[joint] = lift @ np.einsum("ri,ri->r", by_plate[:, :3], elbow_rates)
     return elbow, whole

@@ -70,7 +70,7 @@ def parse_scenario(text: str, name: str) -> Scenario:
     try:
         return Scenario.model_validate_json(json.dumps(contents, default=str))
     except ValidationError as error:
-        raise _explained(error, name) from error
+        raise _explain(error, name) from error
     except (TypeError, ValueError, RecursionError) as error:
         raise ScenarioInvalid(
             f"{name}: holds more than plain keys, lists and values ({error})",
@@ -78,7 +78,7 @@ def parse_scenario(text: str, name: str) -> Scenario:
         ) from error
 
 
-def _explained(error: ValidationError, name: str) -> ScenarioInvalid:
+def _explain(error: ValidationError, name: str) -> ScenarioInvalid:
     """Return an error that states the first finding, its place, and how many more there are."""
     details = error.errors()
     first = details[0]
@@ -108,11 +108,11 @@ def _keys_at(path: list[int | str]) -> list[str]:
     model: type[BaseModel] = Scenario
     for step in path:
         if isinstance(step, str):
-            model = _section(model.model_fields[step].annotation) or model
+            model = _section_in(model.model_fields[step].annotation) or model
     return list(model.model_fields)
 
 
-def _section(annotation: object) -> type[BaseModel] | None:
+def _section_in(annotation: object) -> type[BaseModel] | None:
     """Return the section in an annotation such as `Section | None` or `tuple[Section, ...]`."""
     for part in (annotation, *get_args(annotation)):
         if isinstance(part, type) and get_origin(part) is None and issubclass(part, BaseModel):

@@ -71,16 +71,16 @@ class Conversation:
         self._now_s = now_s
         self._items: deque[_Item] = deque()
         self._going = bytearray()
-        self._session = factory(self._say, already_open)
+        self._session = factory(self._send, already_open)
 
     def hear(self, data: bytes) -> None:
         """Receive bytes of the client."""
-        self._let(partial(self._session.received, data))
+        self._run(partial(self._session.received, data))
 
     def turn(self) -> None:
         """Let the session send what is due."""
         if not self.is_over:
-            self._let(self._session.advance)
+            self._run(self._session.advance)
 
     def going(self) -> bytes:
         """Return the bytes to send now."""
@@ -128,21 +128,21 @@ class Conversation:
             self.is_over = True
             self._session.closed(self._now_s())
 
-    def _let(self, step: Callable[[float], None]) -> None:
+    def _run(self, step: Callable[[float], None]) -> None:
         try:
             step(self._now_s())
         except WireError:
             # bytes out of the protocol: a real device, too, can only end such a connection
             self.hang_up()
 
-    def _say(self, message: bytes) -> None:
+    def _send(self, message: bytes) -> None:
         # every message counts as an answer for the fault script, also one that was not asked for
         fault, now_s = self._next_fault(), self._now_s()
-        items = [(now_s, message)] if fault is None else _hit(message, fault, now_s)
+        items = [(now_s, message)] if fault is None else _apply_fault(message, fault, now_s)
         self._items.extend(items)
 
 
-def _hit(message: bytes, fault: Fault, now_s: float) -> list[_Item]:
+def _apply_fault(message: bytes, fault: Fault, now_s: float) -> list[_Item]:
     """Return what goes out of a message that a fault has hit, and when."""
     if fault.kind == "late":
         return [(now_s + (LATE_S if fault.seconds is None else fault.seconds), message)]

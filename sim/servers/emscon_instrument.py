@@ -36,12 +36,12 @@ MS_PER_S = 1000.0
 LONGEST_NAME = 31
 MOST_DIGITS = 9
 ZERO: Vector3 = (0.0, 0.0, 0.0)
-ONLY: Mapping[Command, said.Code] = {
+ONLY_VALUES: Mapping[Command, said.Code] = {
     Command.SET_MEASUREMENT_MODE: said.Code(STATIONARY),
     Command.SET_COORDINATE_SYSTEM_TYPE: said.Code(RIGHT_HANDED_RECTANGULAR),
 }
 """Settings that have only one value here."""
-FOUND = (
+EQUIPMENT_FOUND = (
     StatusBit.TRACKER_FOUND
     | StatusBit.TRACKER_COMPENSATION
     | StatusBit.ADM_FOUND
@@ -69,8 +69,8 @@ class EmsconInstrument:
         self._kept: dict[Command, said.Body] = {
             Command.GET_UNITS: POWER_ON_UNITS,
             Command.GET_SYSTEM_SETTINGS: POWER_ON_SETTINGS,
-            Command.GET_MEASUREMENT_MODE: ONLY[Command.SET_MEASUREMENT_MODE],
-            Command.GET_COORDINATE_SYSTEM_TYPE: ONLY[Command.SET_COORDINATE_SYSTEM_TYPE],
+            Command.GET_MEASUREMENT_MODE: ONLY_VALUES[Command.SET_MEASUREMENT_MODE],
+            Command.GET_COORDINATE_SYSTEM_TYPE: ONLY_VALUES[Command.SET_COORDINATE_SYSTEM_TYPE],
             Command.GET_STATIONARY_MODE_PARAMS: said.StationaryMode(time_ms=500, use_adm=1),
             Command.GET_STATISTIC_MODE: said.StatisticMode(
                 Statistics.STANDARD, Statistics.STANDARD
@@ -150,17 +150,17 @@ class EmsconInstrument:
         """Return the status that refuses a setting, or 0; settings of the head are made here."""
         match wanted:
             case said.Code(identifier) if command == Command.SET_REFLECTOR:
-                return _wrong(self._tracker.select_reflector(identifier))
+                return _wrong_parameter(self._tracker.select_reflector(identifier))
             # settings with one possible value: it is accepted, any other is not implemented
             case said.Code():
-                return 0 if wanted == ONLY[command] else NOT_IMPLEMENTED.status
+                return 0 if wanted == ONLY_VALUES[command] else NOT_IMPLEMENTED.status
             case said.SearchParams(radius_mm, timeout_ms):
-                status = _wrong(isfinite(radius_mm) and radius_mm > 0.0, timeout_ms > 0)
+                status = _wrong_parameter(isfinite(radius_mm) and radius_mm > 0.0, timeout_ms > 0)
                 if status == 0:
                     self._tracker.search_radius_mm = radius_mm
                     self._tracker.search_timeout_s = timeout_ms / MS_PER_S
                 return status
-        return _flaw(wanted)
+        return _refusing_status(wanted)
 
     def _system_status(self, now_s: float) -> said.SystemStatus:
         is_up, is_warm = self._tracker.initialised(now_s), self._tracker.laser_warm(now_s)
@@ -180,7 +180,7 @@ class EmsconInstrument:
         )
 
     def _status_info(self, now_s: float) -> said.MeasurementStatusInfo:
-        bits = FOUND | StatusBit.IN_FACE_1
+        bits = EQUIPMENT_FOUND | StatusBit.IN_FACE_1
         if self._tracker.beam_locked(now_s):
             bits |= StatusBit.REFLECTOR_FOUND
         if self._tracker.initialised(now_s):
@@ -228,21 +228,21 @@ class EmsconInstrument:
         return int("".join(digits[-MOST_DIGITS:]) or "0")
 
 
-def _flaw(wanted: said.Body) -> int:
+def _refusing_status(wanted: said.Body) -> int:
     """Return the status that refuses a setting in any state of the instrument, or 0."""
     match wanted:
         case said.Units():
-            return _wrong(*are_known(wanted))
+            return _wrong_parameter(*are_known(wanted))
         case said.StationaryMode(time_ms):
-            return _wrong(time_ms > 0)
+            return _wrong_parameter(time_ms > 0)
         case said.StatisticMode(stationary, continuous):
-            return _wrong(stationary in set(Statistics), continuous in set(Statistics))
+            return _wrong_parameter(stationary in set(Statistics), continuous in set(Statistics))
         case said.SystemSettings():
             applied = wanted.apply_transformation or wanted.apply_station_orientation
             return NOT_IMPLEMENTED.status if applied else 0
     return 0
 
 
-def _wrong(*are_right: bool) -> int:
+def _wrong_parameter(*are_right: bool) -> int:
     """Return the status that names the first parameter that is not right; 0 when all are."""
     return 0 if all(are_right) else WRONG_PARAMETERS[are_right.index(False)]

@@ -191,7 +191,7 @@ class EmsconSession(ServedSession):
 
     def _begin_measurement(self, now_s: float) -> ResultStatus:
         """Begin a measurement, or return the status that refuses it."""
-        if (status := self._unready(now_s)) != ResultStatus.ALL_OK:
+        if (status := self._why_not_ready(now_s)) != ResultStatus.ALL_OK:
             return status
         end_s = self._tracker.begin_measurement(self._instrument.measuring_time_s, now_s)
         if end_s is None:
@@ -207,7 +207,7 @@ class EmsconSession(ServedSession):
         if not initialises and not self._tracker.initialised(now_s):
             obstacle = ResultStatus.TRACKER_NOT_INITIALIZED
         elif initialises:
-            obstacle = self._unwarmed(now_s)
+            obstacle = self._why_not_warm(now_s)
         if obstacle != ResultStatus.ALL_OK:
             self._answer(command, EmsconOutcome(obstacle))
             return
@@ -269,12 +269,12 @@ class EmsconSession(ServedSession):
         """Whether the present measurement has a fault of this kind."""
         return self._fault is not None and self._fault.kind == kind
 
-    def _unready(self, now_s: float) -> ResultStatus:
+    def _why_not_ready(self, now_s: float) -> ResultStatus:
         if not self._tracker.initialised(now_s):
             return ResultStatus.TRACKER_NOT_INITIALIZED
-        return self._unwarmed(now_s)
+        return self._why_not_warm(now_s)
 
-    def _unwarmed(self, now_s: float) -> ResultStatus:
+    def _why_not_warm(self, now_s: float) -> ResultStatus:
         is_warm = self._tracker.laser_warm(now_s)
         return ResultStatus.ALL_OK if is_warm else ResultStatus.SENSOR_NOT_WARMED_UP
 
@@ -285,8 +285,9 @@ class EmsconSession(ServedSession):
     def _light(self, now_s: float) -> TrackerLight:
         if self._is_busy(now_s):
             return TrackerLight.BUSY
-        ready = self._unready(now_s) == ResultStatus.ALL_OK and self._tracker.beam_locked(now_s)
-        return TrackerLight.READY if ready else TrackerLight.NOT_READY
+        obstacle = self._why_not_ready(now_s)
+        is_ready = obstacle == ResultStatus.ALL_OK and self._tracker.beam_locked(now_s)
+        return TrackerLight.READY if is_ready else TrackerLight.NOT_READY
 
     def _send_events(self) -> None:
         for event in self._tracker.events():

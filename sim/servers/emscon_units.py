@@ -53,7 +53,7 @@ def to_wire(message: Message, units: said.Units) -> Message:
     """Convert a message of the instrument to the units that are set."""
     mm, rad = MM_PER_UNIT[units.length], RAD_PER_UNIT[units.angle]
     is_celsius = units.temperature != FAHRENHEIT
-    return _converted(
+    return _convert(
         message,
         {
             "l": lambda value: value / mm,
@@ -69,10 +69,10 @@ def from_wire(message: Message, units: said.Units) -> Message:
     """Convert a client's message from the units that are set: lengths and angles."""
     # no other quantity of a client has an effect: weather that it sets is accepted and not used
     mm, rad = MM_PER_UNIT[units.length], RAD_PER_UNIT[units.angle]
-    return _converted(message, {"l": lambda value: value * mm, "a": lambda value: value * rad})
+    return _convert(message, {"l": lambda value: value * mm, "a": lambda value: value * rad})
 
 
-def _converted(message: Message, convert: dict[str, Callable[[float], float]]) -> Message:
+def _convert(message: Message, convert: dict[str, Callable[[float], float]]) -> Message:
     quantities = QUANTITIES.get(type(message))
     if quantities is None:
         return message

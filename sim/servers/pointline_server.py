@@ -18,7 +18,7 @@ from sim.servers.conversation import ServedSession
 from sim.tracker.instrument import SimulatedTracker
 
 MODEL = "SIM-PL"
-UNSEEN = Refused("BEAM", "no reflector was found")
+NO_REFLECTOR_FOUND = Refused("BEAM", "no reflector was found")
 MOST_WAITING = 100
 """Questions that are kept while one is worked on; more are lost, as in a full buffer."""
 
@@ -97,9 +97,9 @@ class PointlineSession(ServedSession):
             case wire.Prepare(name, seconds):
                 return self._prepare(name, seconds, now_s)
             case wire.GoTo(point_mm):
-                return self._seen_after(tracker.go_to(point_mm, now_s), now_s)
+                return self._work_until_seen(tracker.go_to(point_mm, now_s), now_s)
             case wire.Find(distance_mm):
-                return self._seen_after(tracker.find(distance_mm, now_s), now_s)
+                return self._work_until_seen(tracker.find(distance_mm, now_s), now_s)
         # verbs without arguments have one body in common
         match request.verb:
             case "MEASURE":
@@ -147,9 +147,9 @@ class PointlineSession(ServedSession):
         due_s = self._tracker.begin_measurement(self._measuring_time_s, now_s)
         if due_s is None:
             return Refused("NOBEAM", "the beam is on no reflector")
-        return due_s, self._measured
+        return due_s, self._finish_measuring
 
-    def _measured(self, now_s: float) -> wire.PointMeasured | Refused:
+    def _finish_measuring(self, now_s: float) -> wire.PointMeasured | Refused:
         shot = self._tracker.finish_measurement(now_s)
         if shot is None or shot.covariance_mm2 is None:
             return Refused("BEAM", "the beam was lost while it was measured")
@@ -160,8 +160,8 @@ class PointlineSession(ServedSession):
         terms = xx, xy, xz, yy, yz, zz
         return wire.PointMeasured(count, self._reflector, shot.point_in_tracker_mm, terms)
 
-    def _seen_after(self, seconds: float, now_s: float) -> Work:
+    def _work_until_seen(self, seconds: float, now_s: float) -> Work:
         def finish(end_s: float) -> Nothing | Refused:
-            return Nothing() if self._tracker.beam_locked(end_s) else UNSEEN
+            return Nothing() if self._tracker.beam_locked(end_s) else NO_REFLECTOR_FOUND
 
         return now_s + seconds, finish

@@ -149,7 +149,7 @@ class CellServer:
         self._stopping = False
         self._stopped = False
         self._failure: BaseException | None = None
-        self._selector.register(self._wake_end, selectors.EVENT_READ, (False, self._woken))
+        self._selector.register(self._wake_end, selectors.EVENT_READ, (False, self._drain_wake_up))
 
     def serve_tcp(self, factory: SessionFactory, device_name: DeviceName, port: int = 0) -> str:
         """Listen on loopback and return the URL tcp://127.0.0.1:PORT; raises `SimError`."""
@@ -276,7 +276,7 @@ class CellServer:
     def _wake(self) -> None:
         os.write(self._awake_end, b"!")
 
-    def _woken(self) -> None:
+    def _drain_wake_up(self) -> None:
         os.read(self._wake_end, 4096)
 
     def _close(self) -> None:

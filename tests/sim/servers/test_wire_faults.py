@@ -3,6 +3,7 @@
 import pytest
 from timed_pipe import HandClock
 
+from drivers.errors import WireError
 from sim.faults import Counted, Fault, FaultScript
 from sim.servers.conversation import GARBLED, LATE_S, Conversation, ServedSession
 
@@ -16,6 +17,8 @@ class Echo(ServedSession):
         self.send = send
 
     def received(self, data, now_s):
+        if data == b"no such word":
+            raise WireError("no such word")
         self.send(data)
 
     def closed(self, now_s):
@@ -75,6 +78,12 @@ def test_a_fault_hits_one_message_and_the_next_one_follows_whole(fault, at_once,
     assert talk.taken(2.0) == later
     assert talk.conversation.size_bytes == 0
     assert not set(GARBLED_MESSAGE[:-1]) & set(MESSAGE)
+
+
+def test_bytes_that_are_not_of_the_protocol_end_the_conversation():
+    talk = Talk()
+    talk.put(b"no such word", 0.0)
+    assert talk.conversation.is_over
 
 
 @pytest.mark.parametrize(("seconds", "late_s"), [(5.0, 5.0), (None, LATE_S)])
