@@ -23,17 +23,3 @@ def tamper(path: Path, *statements: str, values: Sequence[object] = ()) -> None:
 def change_text(path: Path, number: int, old: str, new: str) -> None:
     """Put other characters into the body of a record."""
     tamper(path, f"UPDATE record SET body = replace(body, '{old}', '{new}') WHERE id = {number}")
-
-
-def make_version_1(path: Path) -> None:
-    """Take away what version 2 added: the journal as older software left it."""
-    with closing(sqlite3.connect(path, isolation_level=None)) as connection:
-        for trigger in (
-            "a_record_has_its_digest",
-            "the_chain_ends_with_the_last_record",
-            "the_end_of_the_chain_is_never_removed",
-        ):
-            connection.execute(f"DROP TRIGGER {trigger}")
-        connection.execute("DROP TABLE chain_end")
-        connection.execute("ALTER TABLE record DROP COLUMN digest")
-        connection.execute("PRAGMA user_version = 1")

@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import pytest
-from journal_story import SESSION, STOPPED, beginning, imported, intent, outcome, tell, ticking
+from journal_story import SESSION, STOPPED, beginning, imported, intent, outcome
 
 from campaigns.errors import JournalFailed
-from campaigns.journal.journal import Journal, open_journal, read_journal
+from campaigns.journal.journal import Journal, read_journal
 from campaigns.journal.records import (
     Event,
     Finding,
@@ -77,16 +77,6 @@ def test_of_a_commit_that_fails_nothing_is_left_and_the_journal_goes_on(
     appended(journal, run, SESSION, intent(1), outcome(1))
     journal.prove()
     assert [shot.outcome for shot in journal.shots(run)] == [outcome(1)]
-
-
-def test_a_reopened_journal_goes_on_where_it_was(path: Path) -> None:
-    with open_journal(path, now_utc=ticking()) as journal:
-        tell(journal)
-        before = journal.records()
-    with open_journal(path, now_utc=ticking()) as journal:
-        assert journal.records() == before
-        assert journal.append(Event("operator note", "on again")) == len(before) + 1
-        assert journal.start_series(beginning("after")) == 3
 
 
 def test_series_are_numbered_by_the_journal_and_found_by_stage(journal: Journal) -> None:

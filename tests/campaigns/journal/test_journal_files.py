@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from journal_story import SESSION, beginning, intent, outcome, ticking
-from lost_files import FORGERIES, HARMLESS, HARMS, delete, log_of
+from lost_files import FORGERIES, HARMLESS, HARMS, log_of, shorten_log
 
 from campaigns.errors import JournalFailed
 from campaigns.journal.journal import Journal, open_journal, read_journal
@@ -39,18 +39,6 @@ def rescued(path: Path) -> tuple[object, ...]:
         return reader.records()
 
 
-SAID = {
-    "delete": "campaign.db: was deleted or moved away",
-    "replace": "campaign.db: was replaced by another file",
-    "replace_by_copies": "campaign.db: was replaced by another file",
-    "truncate": "campaign.db: was cut from",
-    "delete_log": "campaign.db-wal: was deleted",
-    "empty_log": "campaign.db-wal: was cut from",
-    "cut_log": "campaign.db-wal: was cut from",
-    "cut_log_by_a_byte": "campaign.db-wal: was cut from",
-}
-
-
 @pytest.mark.parametrize("harm", HARMS)
 def test_whatever_loses_records_stops_the_run_and_all_of_them_are_kept(
     journal: Journal, path: Path, harm: str
@@ -58,7 +46,7 @@ def test_whatever_loses_records_stops_the_run_and_all_of_them_are_kept(
     told = journal.records()
     HARMS[harm](path)
     error = refused(journal)
-    assert SAID.get(harm, "campaign.db: was deleted") in error.problem
+    assert "while this process worked with it" in error.problem
     assert f"its {RECORDS} records are whole in {RESCUED}" in error.remedy
     assert rescued(path) == told
     with pytest.raises(JournalFailed, match="none is written any more"):
@@ -80,6 +68,7 @@ def test_what_leaves_the_records_where_they_are_stops_nothing(
     journal.prove()
     assert journal.records() == told
     assert len(told) == RECORDS + 7
+    assert journal.append(intent(4, 2), series=1) == RECORDS + 8
     assert not [*path.parent.glob("*-rescued*")]
 
 
@@ -108,6 +97,19 @@ def test_a_folder_that_was_renamed_has_all_records_under_its_new_name(tmp_path: 
         assert again.records() == told
 
 
+def test_a_cut_log_is_left_as_it_was_found_and_gives_the_records_before_the_cut(
+    journal: Journal, path: Path
+) -> None:
+    written, log = journal.records(), log_of(path)
+    shorten_log(path, 1)
+    cut = path.read_bytes(), log.read_bytes()
+    refused(journal)
+    journal.close()
+    assert (path.read_bytes(), log.read_bytes()) == cut
+    with read_journal(path) as reader:
+        assert reader.records() == written[:-1]
+
+
 FOREIGN = "INSERT INTO record VALUES (4, '', 'event', 1, NULL, NULL, '{}', 'd')"
 
 
@@ -122,39 +124,7 @@ def test_records_before_one_that_others_wrote_are_kept(journal: Journal, path: P
     assert rescued(path) == told
 
 
-def test_a_rescued_journal_is_gone_on_with_as_the_error_says(journal: Journal, path: Path) -> None:
-    delete(path)
-    refused(journal)
-    log_of(path).unlink(missing_ok=True)
-    path.with_name("campaign-rescued-1.db").rename(path)
-    with open_journal(path, now_utc=ticking()) as again:
-        assert again.append(intent(1, 2), series=1) == RECORDS + 1
-
-
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
-def test_a_cut_log_is_left_as_it_was_found_and_gives_the_records_before_the_cut(
-    path: Path, share: float
-) -> None:
-    with open_journal(path, now_utc=ticking()) as journal:
-        run = journal.start_series(beginning())
-        for shot in range(1, 12):
-            journal.append(intent(shot), series=run)
-            journal.append(outcome(shot), series=run)
-        told, log = journal.records(), log_of(path)
-        with log.open("r+b") as file:
-            file.truncate(int(log.stat().st_size * share))
-        left = path.read_bytes(), log.read_bytes()
-        with pytest.raises(JournalFailed, match="cut from"):
-            journal.append(intent(12), series=run)
-        assert (path.read_bytes(), log.read_bytes()) == left
-    assert (path.read_bytes(), log.read_bytes()) == left
-    with read_journal(path) as reader:
-        found = reader.records()
-    assert 0 < len(found) < len(told)
-    assert found == told[: len(found)]
-
-
-@pytest.mark.parametrize("harm", HARMS)
+@pytest.mark.parametrize("harm", ["delete", "replace"])
 @pytest.mark.parametrize("moment", ["before", "after"])
 def test_harm_between_a_look_at_the_files_and_a_write_loses_no_record(
     journal: Journal, path: Path, monkeypatch: pytest.MonkeyPatch, harm: str, moment: str
@@ -173,21 +143,8 @@ def test_harm_between_a_look_at_the_files_and_a_write_loses_no_record(
         journal.append(intent(2), series=1)
     with suppress(JournalFailed):
         journal.prove()
-    if [*path.parent.glob("*-rescued*")]:
-        kept = rescued(path)
-    else:  # what was cut had been written anew behind it
-        with read_journal(path) as reader:
-            kept = reader.records()
-    assert [entry.record for entry in kept][:RECORDS] == [beginning(), SESSION, intent(1)]
-    assert len(kept) == RECORDS + 1 or (moment, len(kept)) == ("before", RECORDS)
-
-
-def test_a_journal_that_is_whole_is_opened_anew_and_goes_on(journal: Journal, path: Path) -> None:
-    told = journal.records()
-    journal.prove()
-    assert journal.records() == told
-    assert not log_of(path).exists() or not log_of(path).stat().st_size
-    assert journal.append(outcome(1), series=1) == RECORDS + 1
+    records = [entry.record for entry in rescued(path)]
+    assert records == [beginning(), SESSION, intent(1), intent(2)]
 
 
 def test_a_file_that_was_replaced_just_before_it_is_opened_anew_is_not_taken(

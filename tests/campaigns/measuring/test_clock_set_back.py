@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from fake_cell import ROBOT
-from journal_story import SESSION, STOPPED, beginning, intent, outcome
+from journal_story import SESSION, beginning, intent, outcome
 
 from campaigns.evaluation.time_series import time_series
 from campaigns.journal.journal import open_journal, read_journal
@@ -33,33 +33,15 @@ def written(folder: Path, *records: Record) -> Path:
     return path
 
 
-def drift_shots(folder: Path) -> Path:
+def test_the_first_drift_shot_and_the_drift_since_it_follow_the_records(tmp_path: Path) -> None:
     first, second = (replace(intent(shot), purpose="drift") for shot in (5, 1))
-    return written(
-        folder, SESSION, first, outcome(5, x_mm=FIRST_MM), second, outcome(1, x_mm=SECOND_MM)
-    )
-
-
-def test_the_first_drift_shot_is_the_first_by_record(tmp_path: Path) -> None:
-    with read_journal(drift_shots(tmp_path)) as journal:
-        first_mm = ResumeState(journal.shots(1), (), ()).first_drift_mm()
-    assert first_mm is not None
-    assert first_mm[0] == FIRST_MM
-
-
-def test_drift_is_drawn_from_the_first_shot_by_record(tmp_path: Path) -> None:
-    with read_journal(drift_shots(tmp_path)) as journal:
-        shots = shots_of_journal(journal.shots(1), ROBOT.mechanism)
-    drift_mm = time_series("run", shots).drift_mm
-    np.testing.assert_allclose(drift_mm, [0.0, SECOND_MM - FIRST_MM], atol=1e-9)
-    again = shots.rows(np.array([1, 0]))
-    np.testing.assert_allclose(time_series("run", again).drift_mm, drift_mm, atol=1e-9)
-    assert again.records == shots.records[::-1]
-
-
-def test_a_shot_is_of_the_session_that_began_before_it_by_record(tmp_path: Path) -> None:
     path = written(
-        tmp_path, SESSION, intent(1), outcome(1), STOPPED, SESSION, intent(2), outcome(2)
+        tmp_path, SESSION, first, outcome(5, x_mm=FIRST_MM), second, outcome(1, x_mm=SECOND_MM)
     )
     with read_journal(path) as journal:
-        assert [shot.session for shot in journal.shots(1)] == [1, 2]
+        accepted = journal.shots(1)
+    first_mm = ResumeState(accepted, (), ()).first_drift_mm()
+    assert first_mm is not None
+    assert first_mm[0] == FIRST_MM
+    drift_mm = time_series("run", shots_of_journal(accepted, ROBOT.mechanism)).drift_mm
+    np.testing.assert_allclose(drift_mm, [0.0, SECOND_MM - FIRST_MM], atol=1e-9)

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import pytest
 from fake_cell import FakeCell
-from small_plans import FOUR_PAIRS, TWO_PAIRS, work
+from small_plans import TWO_PAIRS, work
 
 from campaigns.journal.journal import read_journal
 from campaigns.journal.records import Outcome
-from campaigns.measuring.run_state import EngineState, time_left_s
 
 
 def taken(shot: int, *joints_deg: float) -> list[tuple[object, ...]]:
@@ -78,28 +77,3 @@ def test_outcome_is_on_the_disk_before_the_next_motion_and_never_before_its_meas
     before_measuring = [list(range(shot)) for shot in range(6)]
     before_moving = [list(range(shot)) for shot in range(1, 6)]
     assert sorted(written, key=len) == sorted(before_measuring + before_moving, key=len)
-
-
-def test_progress_counts_shots_and_tells_residual_drift_and_time_left(tmp_path: Path) -> None:
-    cell = FakeCell()
-    cell.run(tmp_path, work(FOUR_PAIRS))
-    told = cell.observer.told
-    assert {progress.total for progress in told} == {10}
-    assert sorted({progress.done for progress in told}) == list(range(11))
-    assert told[0].eta_s is None
-    halfway = next(progress for progress in told if progress.done == 5)
-    low_s, high_s = halfway.eta_s
-    assert low_s < 5 * 1.7 < high_s
-    assert told[-1].state is EngineState.FINISHED
-    assert told[-1].residual_mm == pytest.approx(0.0, abs=1e-3)
-    assert told[-1].drift_mm == pytest.approx(0.0, abs=1e-9)
-
-
-def test_time_left_is_an_interval_that_narrows_to_nothing() -> None:
-    assert time_left_s([2.0, 3.0], 10) is None
-    wide = time_left_s([2.0, 3.0, 2.5], 10)
-    narrow = time_left_s([2.0, 3.0, 2.5] * 10, 10)
-    assert wide is not None
-    assert narrow is not None
-    assert wide[0] < narrow[0] < 25.0 < narrow[1] < wide[1]
-    assert time_left_s([2.0, 3.0, 2.5], 0) == (0.0, 0.0)

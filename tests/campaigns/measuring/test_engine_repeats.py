@@ -4,15 +4,14 @@ from pathlib import Path
 
 import pytest
 from fake_cell import FakeCell
-from small_plans import FOUR_PAIRS, GATE, drift, planned, work
+from small_plans import FOUR_PAIRS, GATE, drift, work
 from tested_journal import journal_in
 
 from campaigns.errors import GateRefused
 from campaigns.journal.records import Event, PairVoided, Rejected
 from campaigns.journal.views import AcceptedShot
 from campaigns.measuring.shots import FORGIVEN_BREAKS
-from campaigns.shots.shot_sets import ShotSet
-from drivers.errors import BeamBroken, NotAMeasurement
+from drivers.errors import BeamBroken
 from drivers.values import Measurement
 
 
@@ -50,32 +49,6 @@ def test_search_starts_where_the_beam_points_and_never_at_another_shots_point(
     assert looks == [("tracker.find_reflector", 2500.0)]
 
 
-def test_small_step_from_a_wrong_target_leads_back_to_the_right_one(tmp_path: Path) -> None:
-    """Shots so near each other that no frame is known: a search would find the wrong one again."""
-    near = [
-        planned(number, ShotSet.ROTATION, None, 0.0, 0.0, -575.0, 0.1 * number)
-        for number in range(6)
-    ]
-    cell = FakeCell()
-    cell.tracker.during_measure = {4: cell.tracker.take_wrong_target}
-    journal = cell.run(tmp_path, work(near))
-    assert attempts_of(journal.shots()) == [1, 1, 1, 2, 1, 1]
-    assert not cell.named("tracker.find_reflector")
-
-
-def cell_without_a_beam(measurement: int, lasts_s: float) -> FakeCell:
-    """Cell whose beam is broken from a measurement on, for so long."""
-    cell = FakeCell()
-
-    def break_it() -> None:
-        cell.tracker.break_beam()
-        cell.tracker.finds = False
-        cell.clock.after(lasts_s, lambda: setattr(cell.tracker, "finds", True))
-
-    cell.tracker.during_measure = {measurement: break_it}
-    return cell
-
-
 @pytest.mark.parametrize(
     ("measurement", "lasts_s", "advice"),
     [
@@ -87,7 +60,13 @@ def test_broken_beam_is_waited_for_with_advice_and_counts_no_attempt(
     tmp_path: Path, measurement: int, lasts_s: float, advice: str
 ) -> None:
     """The gate allows one attempt only, and the robot stands still until the beam is back."""
-    cell = cell_without_a_beam(measurement, lasts_s)
+    cell = FakeCell()
+
+    def break_it() -> None:
+        cell.tracker.hide_reflector()
+        cell.clock.after(lasts_s, lambda: setattr(cell.tracker, "finds", True))
+
+    cell.tracker.during_measure = {measurement: break_it}
     once = GATE.model_copy(update={"attempts": 1})
     journal = cell.run(tmp_path, work(FOUR_PAIRS, gate=once))
     assert len(journal.shots()) == len(FOUR_PAIRS)
@@ -96,20 +75,14 @@ def test_broken_beam_is_waited_for_with_advice_and_counts_no_attempt(
     waits = [place for place, name in enumerate(names) if name in searches]
     assert "robot.move_joints" not in names[waits[0] : waits[-1]]
     events = [entry.record for entry in journal.records_of(Event)]
-    (suspended,) = (event.text for event in events if event.kind == "suspended")
-    (resumed,) = (event.text for event in events if event.kind == "resumed")
-    assert suspended.endswith("attempt 1: beam broken: the beam is broken")
-    assert {suspended, resumed} <= set(cell.observer.events)
-    lasted_s = float(resumed.removesuffix(" s").rpartition(" ")[2])
-    assert lasts_s - 2.0 <= lasted_s <= lasts_s + 5.0
-    assert max(p.beam_lost_s for p in cell.observer.told) >= min(lasts_s - 3.0, 1.0)
     broken = [event.text for event in events if event.kind == "beam broken"]
-    assert all(advice in text and text in cell.observer.events for text in broken)
     assert broken
+    assert all(advice in text and text in cell.observer.events for text in broken)
+    resumed = next(event.text for event in events if event.kind == "resumed")
+    assert lasts_s - 2.0 <= float(resumed.split()[-2]) <= lasts_s + 5.0
     shown = [p for p in cell.observer.told if p.beam_advice]
     assert shown
     assert all(advice in p.beam_advice and not p.beam_locked for p in shown)
-    assert all(len(p.beam_advice) <= 80 for p in shown), "a line of a small terminal"
     assert not cell.observer.told[-1].beam_advice
 
 
@@ -126,23 +99,6 @@ def test_reflector_that_is_found_and_lost_each_time_is_no_passer_by(tmp_path: Pa
             cell.measure(journal, work())
         assert not journal.shots(1)
     assert len(cell.named("tracker.measure")) == 3 * (FORGIVEN_BREAKS + 3)
-
-
-def test_result_that_cannot_be_has_a_reason_of_its_own_and_is_no_broken_beam(
-    tmp_path: Path,
-) -> None:
-    cell = FakeCell()
-
-    def too_soon() -> None:
-        raise NotAMeasurement("the result came too soon", remedy="measure again")
-
-    cell.tracker.during_measure = {2: too_soon}
-    journal = cell.run(tmp_path, work())
-    (rejected,) = (entry.record for entry in journal.records_of(Rejected))
-    assert attempts_of(journal.shots()) == [1, 2, 1, 1, 1, 1]
-    assert rejected.reason == "no measurement: the result came too soon"
-    assert not cell.named("tracker.find_reflector")
-    assert all(progress.beam_locked for progress in cell.observer.told)
 
 
 def test_wrong_target_is_refused_with_its_data_and_the_tracker_sent_to_the_right_one(

@@ -9,12 +9,11 @@ from fake_cell import COVARIANCE_MM2, PATIENCE_S, FakeCell
 from small_plans import work
 from tested_journal import TestedJournal, journal_in
 
-from campaigns.errors import CampaignError, Interrupted, JournalFailed, NotSettled
+from campaigns.errors import Interrupted, JournalFailed, NotSettled
 from campaigns.journal.records import Outcome, Rejected, SessionStopped
 from campaigns.measuring.run_state import EngineState
 from campaigns.measuring.work import RawReaders
 from drivers import errors
-from drivers.values import Matrix3, Vector3
 
 POLL_S = 0.02
 Break = Callable[[FakeCell], None]
@@ -94,31 +93,20 @@ def test_trouble_stops_the_robot_and_drops_the_shot(
         assert [entry.record.shot for entry in journal.records_of(Outcome)] == [0]
 
 
-class Misreading:
-    """Readers that find in the raw answers what the devices gave, but from now on for one part."""
-
-    def __init__(self, cell: FakeCell) -> None:
-        self.cell, self.part = cell, ""
-
-    def joints(self, _raw: str) -> tuple[float, ...]:
-        first, *others = self.cell.robot.joints.tolist()
-        return (first + 1e-9 * (self.part == "joints"), *others)
-
-    def point(self, _raw: str) -> tuple[Vector3, Matrix3]:
-        x, y, z = self.cell.tracker.seen_mm()
-        (one, *row), *rows = np.asarray(COVARIANCE_MM2).tolist()
-        covariance = ((one * (1.0 + (self.part == "covariance_mm2")), *row), *map(tuple, rows))
-        return (x, y, z + 1e-6 * (self.part == "point_mm")), covariance
-
-
-@pytest.mark.parametrize("part", ["joints", "point_mm", "covariance_mm2"])
+@pytest.mark.parametrize(
+    ("part", "misread_by"), [("joints", 1e-9), ("point_mm", 1e-6), ("covariance_mm2", 1e-6)]
+)
 def test_a_shot_that_is_not_what_the_raw_answers_say_stops_the_robot(
-    tmp_path: Path, part: str
+    tmp_path: Path, part: str, misread_by: float
 ) -> None:
-    cell = FakeCell()
-    misreading = Misreading(cell)
-    cell.raw_readers = RawReaders(misreading.joints, misreading.point)
-    cell.tracker.during_measure = {2: lambda: setattr(misreading, "part", part)}
+    cell, off = FakeCell(), dict.fromkeys(("joints", "point_mm", "covariance_mm2"), 0.0)
+
+    def read_point(_raw: str) -> tuple[np.ndarray, np.ndarray]:
+        point_mm = np.array(cell.tracker.seen_mm()) + off["point_mm"]
+        return point_mm, np.array(COVARIANCE_MM2) + off["covariance_mm2"]
+
+    cell.raw_readers = RawReaders(lambda _raw: cell.robot.joints + off["joints"], read_point)
+    cell.tracker.during_measure = {2: lambda: off.update({part: misread_by})}
     with journal_in(tmp_path, cell.calls) as journal:
         with pytest.raises(errors.ImplausibleAnswer, match=f"shot 1: {part} .* raw answer says"):
             cell.measure(journal, work())
@@ -143,40 +131,29 @@ def test_robot_that_refuses_one_target_after_another_is_stopped(tmp_path: Path) 
     assert (stopped.how, stopped.reason) == ("aborted", "joint 1 outside")
 
 
-def ask_to_stop_while_moving(cell: FakeCell) -> None:
-    cell.robot.during_move = {2: cell.wish.ask}
-
-
-def ask_to_stop_while_settling(cell: FakeCell) -> None:
-    def soon_after_arrival() -> None:
-        left_s = cell.robot._ends_s - cell.clock.now_s()
-        cell.clock.after(left_s + 0.1, cell.wish.ask)
-
-    cell.robot.during_move = {2: soon_after_arrival}
-
-
-def ask_to_stop_while_measuring(cell: FakeCell) -> None:
-    cell.tracker.during_measure = {2: cell.wish.ask}
-
-
 @pytest.mark.parametrize(
-    ("press_ctrl_c", "state", "error", "within_s"),
+    ("state", "error", "within_s"),
     [
-        (ask_to_stop_while_moving, EngineState.MOVING, Interrupted, POLL_S),
-        (ask_to_stop_while_settling, EngineState.SETTLING, Interrupted, POLL_S),
-        (ask_to_stop_while_measuring, EngineState.MEASURING, errors.Cancelled, PATIENCE_S),
+        (EngineState.MOVING, Interrupted, POLL_S),
+        (EngineState.SETTLING, Interrupted, POLL_S),
+        (EngineState.MEASURING, errors.Cancelled, PATIENCE_S),
     ],
-    ids=["moving", "settling", "measuring"],
 )
 def test_ctrl_c_stops_the_robot_at_once(
-    tmp_path: Path,
-    press_ctrl_c: Break,
-    state: EngineState,
-    error: type[CampaignError | errors.DriverError],
-    within_s: float,
+    tmp_path: Path, state: EngineState, error: type[Exception], within_s: float
 ) -> None:
     cell = FakeCell()
-    press_ctrl_c(cell)
+
+    def press_soon_after_arrival() -> None:
+        cell.clock.after(cell.robot._ends_s - cell.clock.now_s() + 0.1, cell.wish.ask)
+
+    match state:
+        case EngineState.MOVING:
+            cell.robot.during_move = {2: cell.wish.ask}
+        case EngineState.SETTLING:
+            cell.robot.during_move = {2: press_soon_after_arrival}
+        case EngineState.MEASURING:
+            cell.tracker.during_measure = {2: cell.wish.ask}
     with journal_in(tmp_path, cell.calls) as journal:
         with pytest.raises(error):
             cell.measure(journal, work())

@@ -137,17 +137,11 @@ def test_shots_on_a_line_place_no_frame() -> None:
     assert gate_of(shots).predict(SHOTS[0].joints) is None
 
 
-def air(temperature_degC: float) -> Weather:
-    return Weather(temperature_degC, 1013.0, 50.0)
-
-
-def test_alarm_of_the_air_ends_only_well_below_its_limit_and_needs_weather() -> None:
-    watch = TemperatureMonitor(1.0, air(20.0))
-    told = [bool(watch.events(air(t))) for t in (20.9, 21.05, 20.95, 21.05, 20.85, 20.7, 20.9)]
-    assert told == [False, True, False, False, False, True, False]
-    (event,) = TemperatureMonitor(1.0, air(20.0)).events(air(18.5))
-    assert event.text == "the air has changed by -1.50 °C since the start, limit 1 °C"
-    watch = TemperatureMonitor(1.0, None)
-    assert watch.events(None) == ()
-    assert watch.events(air(20.0)) == ()
-    assert watch.events(air(21.5))
+def test_alarm_of_the_air_ends_only_well_below_its_limit() -> None:
+    monitor = TemperatureMonitor(1.0, None)
+    degrees = (20.0, 20.9, 21.05, 20.95, 21.05, 20.85, 20.7, 20.9, 18.5)
+    events = [monitor.events(Weather(degree, 1013.0, 50.0)) for degree in degrees]
+    announced = [degree for degree, event in zip(degrees, events, strict=True) if event]
+    assert announced == [21.05, 20.7, 18.5]
+    text = "the air has changed by -1.50 °C since the start, limit 1 °C"
+    assert events[-1][0].text == text

@@ -1,13 +1,11 @@
 """Moves by safe ways, and what counts as having arrived."""
 
 from dataclasses import replace
-from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from fake_cell import CENTRE, NOMINAL, FakeCell, rounded_deg
-from small_plans import OPEN, SETTLE, SPEED_FRACTION, commanded_as_pose, planned
+from fake_cell import FakeCell, rounded_deg
+from small_plans import OPEN, SETTLE, SPEED_FRACTION, commanded_as_pose, joints_at, planned
 
 from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
 from campaigns.measuring.motion import Arrival, Mover
@@ -68,50 +66,29 @@ def test_a_robot_that_stands_where_it_comes_from_goes_straight_on() -> None:
     assert len(moves(cell)) == 4  # it has to come from there again
 
 
-@cache
-def unsafe_ends() -> tuple[np.ndarray, np.ndarray]:
-    """Two poses between which the straight way is not safe, but a way round is."""
-    rng = np.random.default_rng(5)
-    poses = CENTRE + rng.uniform(-1.0, 1.0, (400, 4)) * (350.0, 350.0, 200.0, 0.75)
-    joints = NOMINAL.inverse(poses)
-    inside = joints.is_solved & ((joints.values > -0.7) & (joints.values < 1.5)).all(axis=1)
-    ends = joints.values[inside]
-    for here, there in pairwise(ends):
-        way = OPEN.safe_path(here, there)
-        if way is not None and len(way) > 1:
-            return here, there
-    raise AssertionError("no such poses")
+HERE, THERE = joints_at(213.5, 215.6, -568.9, -0.3), joints_at(-312.2, -81.6, -611.6, -0.7)
+"""Ends between which the straight way is not safe, but a way round is."""
+FAR = Step(replace(NEAR, joints=tuple(THERE.tolist())), "joints")
 
 
 def test_next_leg_waits_until_the_robot_is_where_the_leg_before_ends() -> None:
-    here, there = unsafe_ends()
     cell = FakeCell()
-    cell.robot.joints = here
+    cell.robot.joints = HERE
     cell.robot.off_target_rad = np.array([0.0, 0.01, 0.0, 0.0])
     with pytest.raises(NotSettled, match=r"joint 1 is 0\.5730° from its target"):
-        go(cell, Step(replace(NEAR, joints=tuple(there.tolist())), "joints"))
+        go(cell, FAR)
     assert len(moves(cell)) == 1
 
 
 def test_robot_that_was_pushed_away_is_led_from_where_it_really_stands() -> None:
-    here, there = unsafe_ends()
     cell = FakeCell()
-    target = replace(NEAR, joints=tuple(there.tolist()))
     mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, OPEN, cell.wish)
     mover.go(Step(NEAR, "joints"), lambda _: None)
-    cell.robot.joints = here
+    cell.robot.joints = HERE
     cell.calls.clear()
-    mover.go(Step(target, "joints"), lambda _: None)
-    legs = OPEN.safe_path(here, there)
+    mover.go(FAR, lambda _: None)
+    legs = OPEN.safe_path(HERE, THERE)
     assert [call[1:] for call in moves(cell)] == [rounded_deg(leg) for leg in legs]
-
-
-def test_robot_that_somebody_else_moves_is_waited_for() -> None:
-    cell = FakeCell()
-    cell.robot.keeps_moving = True
-    cell.clock.after(1.0, lambda: setattr(cell.robot, "keeps_moving", False))
-    go(cell, Step(NEAR, "joints"))
-    assert len(moves(cell)) == 1
 
 
 NOWHERE = tuple(np.radians([90.0, -90.0, 90.0, -90.0]).tolist())
@@ -135,13 +112,12 @@ def test_what_hinders_a_move_is_said_before_anything_moves(
 
 
 def test_wish_to_stop_is_looked_at_before_each_leg() -> None:
-    here, there = unsafe_ends()
     cell = FakeCell()
-    cell.robot.joints = here
-    ends_s = np.abs(OPEN.safe_path(here, there)[0] - here).max() / 0.9
+    cell.robot.joints = HERE
+    ends_s = np.abs(OPEN.safe_path(HERE, THERE)[0] - HERE).max() / 0.9
     cell.clock.after(ends_s, cell.wish.ask)
     with pytest.raises(Interrupted):
-        go(cell, Step(replace(NEAR, joints=tuple(there.tolist())), "joints"))
+        go(cell, FAR)
     assert len(moves(cell)) == 1
 
 
@@ -207,10 +183,6 @@ def test_robot_has_moved_when_a_joint_leaves_its_stillness_or_is_no_number() -> 
     cell = FakeCell()
     mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, OPEN, cell.wish)
     before = cell.robot.state()
-    for moved_deg, has_moved in ((0.001, False), (0.003, True)):
+    for moved_deg, has_moved in ((0.001, False), (0.003, True), (np.nan, True)):
         cell.robot.joints = np.add(before.joints, np.radians([0.0, 0.0, 0.0, moved_deg]))
         assert mover.has_moved(before) is has_moved
-    cell.robot.joints = cell.robot.joints + np.array([0.0, 0.0, np.nan, 0.0])
-    assert mover.has_moved(before)
-    with pytest.raises(NotSettled):
-        mover._await_arrival(before.joints, cell.clock.now_s() + 1.0)

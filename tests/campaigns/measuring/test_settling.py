@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 from goal_plans import PLAN, noisy_cell
 from small_plans import work
 
@@ -35,16 +34,8 @@ def test_a_robot_that_warmed_up_has_settled_since_the_visit_from_which_it_stays(
     assert says.startswith("no drift since shot 30: the drift pose repeats within")
 
 
-def test_a_robot_that_still_moves_is_said_to() -> None:
-    parts = [0.0, 0.3, 0.5, 0.7, 0.9]
-    since, says = settling(*visits(parts, np.random.default_rng(3)), np.array([COVARIANCE] * 5))
-    assert since == ()
-    assert says.startswith("the robot still warms up or moves: its drift pose by 0.1")
-
-
-@pytest.mark.parametrize("moves", [False, True], ids=["at rest", "warm"])
-def test_a_run_says_when_the_robot_settles_and_only_notes_that_it_stood_at_rest(
-    tmp_path: Path, moves: bool
+def test_a_run_announces_that_a_robot_warms_up_and_since_when_it_has_settled(
+    tmp_path: Path,
 ) -> None:
     last = len(PLAN)
     shots = (*PLAN, *(replace(PLAN[0], shot=last + n) for n in range(3)))
@@ -53,13 +44,10 @@ def test_a_run_says_when_the_robot_settles_and_only_notes_that_it_stood_at_rest(
     def warm() -> None:
         cell.tracker.shifted_mm[:] += (0.5, 0.0, 0.0)
 
-    cell.tracker.during_measure = {last: warm} if moves else {}
+    cell.tracker.during_measure = {last: warm}
     journal = cell.run(tmp_path, work(shots))
-    events = [each.record for each in journal.records_of(Event) if each.record.kind == "settling"]
-    heard = [text for text in cell.observer.events if text in {event.text for event in events}]
-    if moves:
-        assert ["still warms" in text for text in heard] == [True, False]
-        assert events[-1].shots[0] == last - 1
-    else:
-        assert heard == []
-        assert [event.shots[0] for event in events] == [0]
+    events = [e.record for e in journal.records_of(Event) if e.record.kind == "settling"]
+    texts = {event.text for event in events}
+    announced = [text for text in cell.observer.events if text in texts]
+    assert ["still warms" in text for text in announced] == [True, False]
+    assert events[-1].shots[0] == last - 1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL, ROBOT
 from goal_plans import REQUEST, TRACKER_MM, VIEW
-from small_plans import FOUR_PAIRS, LIMITS, OPTIONS
+from small_plans import LIMITS, OPTIONS
 
 from campaigns.errors import OptionsInvalid, PlanInvalid
 from campaigns.measuring import stopping_rule
@@ -24,15 +24,6 @@ PLAN = make_plan(
 
 def monitor(shots=PLAN) -> UncertaintyMonitor:
     return UncertaintyMonitor(shots, RobotModel(NOMINAL, LIMITS, CENTRE), OPTIONS)
-
-
-def test_a_plan_predicts_how_surely_its_shots_will_give_positions() -> None:
-    whole = monitor().predicted(TRACKER_MM)
-    half = monitor().predicted(TRACKER_MM, SHOTS // 2)
-    assert (whole.shots, half.shots) == (SHOTS, SHOTS // 2)
-    assert 0.002 < whole.position_std_mm < half.position_std_mm < 1.0
-    assert whole.weakest.endswith("_mm")
-    assert whole.scatter_mm == 0.0
 
 
 def test_a_goal_within_reach_says_how_many_shots_will_do() -> None:
@@ -54,22 +45,12 @@ def test_a_goal_out_of_reach_is_refused_with_what_the_plan_will_give() -> None:
     assert "pkmcal plan --until 0.001" in caught.value.remedy
 
 
-def test_a_plan_of_too_few_shots_is_refused() -> None:
-    few = monitor(FOUR_PAIRS[:3])
-    with pytest.raises(PlanInvalid, match="too few shots to identify from"):
-        stopping_rule.predicted_stop(1.0, few, TRACKER_MM)
-
-
-@pytest.mark.parametrize(
-    "text", ["0.02", "0.02 mm", " 2e-2mm ", "σ=0.02", "sigma=0.02", " Std = 0.02 ", "Σ=2e-2"]
-)
+@pytest.mark.parametrize("text", ["0.02", " 2e-2mm ", "σ=0.02", " Std = 0.02 mm"])
 def test_a_goal_is_a_standard_deviation_in_mm(text: str) -> None:
     assert stopping_rule.read_goal(text) == 0.02
 
 
-@pytest.mark.parametrize(
-    "text", ["", "tau=0.02", "σ", "0", "-1", "nan", "inf", "11", "0,02", "0.02 m", "much"]
-)
+@pytest.mark.parametrize("text", ["", "tau=0.02", "0", "nan", "11", "0,02", "0.02 m"])
 def test_what_is_no_goal_is_refused_with_the_limit_and_an_example(text: str) -> None:
     with pytest.raises(OptionsInvalid, match="must be above 0 and at most 10 mm") as caught:
         stopping_rule.read_goal(text)

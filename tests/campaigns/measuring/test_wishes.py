@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fake_cell import CENTRE, NOMINAL, FakeCell
-from small_plans import FOUR_PAIRS, TWO_PAIRS, drift, work
+from fake_cell import FakeCell
+from small_plans import FOUR_PAIRS, TWO_PAIRS, drift, joints_at, work
 from test_set_aside import blind_at, skips
 
 from campaigns.errors import Interrupted
@@ -15,11 +15,6 @@ from drivers.errors import EmergencyStop, NotAMeasurement
 from drivers.values import Measurement
 
 PAUSED_S = 30.0
-
-
-def fresh(folder: Path) -> Path:
-    folder.mkdir()
-    return folder
 
 
 def notes(journal) -> list[str]:
@@ -54,16 +49,20 @@ def test_a_pause_comes_after_the_pair_and_ends_when_it_is_asked_for_again(tmp_pa
     assert cell.clock.now_s() - began_s > PAUSED_S
 
 
-def test_a_stop_and_the_emergency_stop_are_heeded_in_a_pause(tmp_path: Path) -> None:
-    stopped, pressed = FakeCell(), FakeCell()
-    stopped.wishes.ask(Wish.PAUSE)
-    stopped.clock.after(PAUSED_S, stopped.wish.ask)
-    with pytest.raises(Interrupted):
-        stopped.run(fresh(tmp_path / "a"), work(TWO_PAIRS))
-    pressed.wishes.ask(Wish.PAUSE)
-    pressed.clock.after(PAUSED_S, lambda: setattr(pressed.robot, "emergency_stop", True))
-    with pytest.raises(EmergencyStop):
-        pressed.run(fresh(tmp_path / "b"), work(TWO_PAIRS))
+@pytest.mark.parametrize("error", [Interrupted, EmergencyStop])
+def test_a_stop_and_the_emergency_stop_end_a_pause(tmp_path: Path, error: type[Exception]) -> None:
+    cell = FakeCell()
+    cell.wishes.ask(Wish.PAUSE)
+
+    def stop() -> None:
+        if error is Interrupted:
+            cell.wish.ask()
+        cell.robot.emergency_stop = error is EmergencyStop
+
+    cell.clock.after(PAUSED_S, stop)
+    with pytest.raises(error):
+        cell.run(tmp_path, work(TWO_PAIRS))
+    assert cell.named("robot.stop")
 
 
 def test_the_last_pair_is_voided_and_measured_again(tmp_path: Path) -> None:
@@ -118,17 +117,6 @@ def test_a_wish_to_skip_is_about_no_later_shot(tmp_path: Path) -> None:
     assert notes(journal)[0] in cell.observer.events
 
 
-def test_a_wish_to_skip_while_nothing_is_taken_is_answered(tmp_path: Path) -> None:
-    cell = FakeCell()
-    cell.tracker.during_measure[2] = lambda: (
-        cell.wishes.ask(Wish.PAUSE),
-        asking_later(cell, Wish.SKIP, Wish.PAUSE),
-    )
-    journal = cell.run(tmp_path, work(TWO_PAIRS))
-    assert notes(journal)[2:] == ["nothing is skipped: no shot was being taken"]
-    assert len(journal.shots()) == len(TWO_PAIRS)
-
-
 def test_a_shot_that_is_about_to_be_tried_again_is_skipped(tmp_path: Path) -> None:
     cell = FakeCell()
     measure = cell.tracker.measure
@@ -146,40 +134,20 @@ def test_a_shot_that_is_about_to_be_tried_again_is_skipped(tmp_path: Path) -> No
     assert [len(journal.records_of(kind)) for kind in (Rejected, PairVoided)] == [1, 0]
 
 
-def test_a_comparison_that_is_skipped_is_told_and_the_run_ends_in_order(tmp_path: Path) -> None:
-    cell = FakeCell()
-    for move in range(len(FOUR_PAIRS) + 2, 40):
-        cell.robot.during_move[move] = lambda: cell.wishes.ask(Wish.SKIP)
-    cell.run(tmp_path, work(FOUR_PAIRS, compared_at_end=True))
-    assert cell.observer.told[-1].state is EngineState.FINISHED
-    assert cell.observer.events == [
-        "at the end it is not known whether anything has moved: skipped by the operator"
-    ]
+ELSEWHERE = tuple(joints_at(100.0, 0.0, -625.0, 0.0).tolist())
 
 
-def test_nothing_to_measure_again_is_told(tmp_path: Path) -> None:
-    cell = FakeCell()
-    cell.wishes.ask(Wish.AGAIN)
-    cell.robot.during_move[1] = lambda: cell.wishes.ask(Wish.SKIP)
-    journal = cell.run(tmp_path, work(TWO_PAIRS))
-    assert notes(journal) == ["no shot counts that can be measured again"]
+@pytest.mark.parametrize("park", [(), ELSEWHERE], ids=["at the drift pose", "as configured"])
+def test_the_robot_is_parked_and_goes_on(tmp_path: Path, park: tuple[float, ...]) -> None:
+    cell, parked = FakeCell(), []
 
+    def ask_to_park() -> None:
+        cell.wishes.ask(Wish.PARK)
+        asking_later(cell, Wish.PAUSE)
 
-def test_it_is_parked_at_the_drift_pose_or_where_campaign_yaml_says_and_goes_on(
-    tmp_path: Path,
-) -> None:
-    elsewhere = NOMINAL.inverse(CENTRE[None] + [100.0, 0.0, -50.0, 0.0]).values_or_raise()[0]
-    for name, park in (("drift", ()), ("elsewhere", tuple(elsewhere.tolist()))):
-        cell = FakeCell()
-
-        def asked(cell: FakeCell = cell) -> None:
-            cell.wishes.ask(Wish.PARK)
-            asking_later(cell, Wish.PAUSE)
-
-        cell.tracker.during_measure[2] = asked
-        where: list[np.ndarray] = []
-        cell.clock.after(PAUSED_S / 2.0, lambda c=cell, w=where: w.append(c.robot.true_joints()))
-        journal = cell.run(fresh(tmp_path / name), work(TWO_PAIRS, park=park))
-        assert where[0] == pytest.approx(np.array(park or drift(0).joints), abs=1e-6)
-        assert notes(journal) == ["parked by the operator", "the operator goes on"]
-        assert len(journal.shots()) == len(TWO_PAIRS)
+    cell.tracker.during_measure[2] = ask_to_park
+    cell.clock.after(PAUSED_S / 2.0, lambda: parked.append(cell.robot.true_joints()))
+    journal = cell.run(tmp_path, work(TWO_PAIRS, park=park))
+    assert parked[0] == pytest.approx(np.array(park or drift(0).joints), abs=1e-6)
+    assert notes(journal) == ["parked by the operator", "the operator goes on"]
+    assert len(journal.shots()) == len(TWO_PAIRS)
