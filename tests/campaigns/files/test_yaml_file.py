@@ -45,13 +45,9 @@ def with_schema(text):
         ("- 1\n- 2\n", "holds no keys with values"),
         ("a: [1, 2\n", "is not YAML"),
         ("a: *nowhere\n", "sample.yaml:1: has & or *"),
-        ("a: &loop [*loop]\n", "sample.yaml:1: has & or *"),
-        ("a: [" + "1, " * 10_001 + "]\n", "sample.yaml:1: has more than 10000 entries"),
-        ("a: 1\n" + "# x\n" * 20_000, "more than 20000 lines"),
         ("schema: pkmcal/test/2\na: 1\n", "a newer pkmcal wrote the file"),
         ("a: 1\n---\nb: 2\n", "is not YAML"),
         ("a: \x00\n", "is not YAML"),
-        ("[" * 500, "nested deeper than 30 levels"),
         ("%YAML 1.3\n---\na: 1\n", "directives"),
         ("a: !!float\n", "has tags"),
         ("day: 2024-13-45\n", "month must be in"),
@@ -80,23 +76,15 @@ def test_findings_are_counted_explained_and_shortened():
     assert len(said) < 150
 
 
-def test_file_that_is_not_utf_8_is_refused_with_its_line(tmp_path):
+def test_a_file_is_utf_8_with_or_without_byte_order_mark_and_windows_line_ends(tmp_path):
     path = tmp_path / "sample.yaml"
+    path.write_bytes(b"\xef\xbb\xbf" + with_schema("size_mm: 2.5\n").replace("\n", "\r\n").encode())
+    document = yaml_file.read_document(path, if_missing="make it")
+    assert yaml_file.checked(document, SCHEMA, Sample).size_mm == 2.5
     path.write_bytes(b"schema: x\nlabel: caf\xe9\n")
     says = r"sample\.yaml:2: byte 0xe9 is not UTF-8 text → save the file as plain text"
     with pytest.raises(ConfigInvalid, match=says):
         yaml_file.read_document(path, if_missing="make it")
-
-
-def test_byte_order_mark_and_windows_line_ends_are_tolerated(tmp_path):
-    path = tmp_path / "sample.yaml"
-    path.write_bytes(b"\xef\xbb\xbf" + with_schema("size_mm: 2.5\n").replace("\n", "\r\n").encode())
-    assert (
-        yaml_file.checked(
-            yaml_file.read_document(path, if_missing="make it"), SCHEMA, Sample
-        ).size_mm
-        == 2.5
-    )
 
 
 def test_edited_tree_keeps_its_comments():
@@ -106,7 +94,7 @@ def test_edited_tree_keeps_its_comments():
     assert yaml_file.yaml_text(tree) == text.replace("c: 2", "c: 7")
 
 
-@given(st.text())
+@given(st.text() | st.text(st.sampled_from("{}[]:,-?&*!|>'\"%@`#~\n \ta1<"), max_size=25))
 @example("?")
 @example("- - -")
 @example("!!set {a, b}")
@@ -114,17 +102,4 @@ def test_edited_tree_keeps_its_comments():
 @example("%YAML 9.9\n---\n")
 @example("a: 2024-13-45")
 def test_any_text_is_read_or_refused_with_config_invalid(text):
-    assert "\n" not in answer_to(with_schema(text))
-
-
-yaml_like = st.lists(
-    st.sampled_from(
-        [*"{}[]:,-?&*!|>'\"%@`#~\n \t", "a", "1", "size_mm", ": ", "- ", "<<", "!!int"]
-    ),
-    max_size=25,
-).map("".join)
-
-
-@given(yaml_like)
-def test_any_yaml_like_text_is_read_or_refused_with_config_invalid(text):
     assert "\n" not in answer_to(with_schema(text))

@@ -12,7 +12,7 @@ from refusals import refusal
 
 from campaigns.errors import ConfigInvalid, OutputExists
 from campaigns.files.yaml_file import FileModel, checked, commented_yaml, parse_document
-from campaigns.robots.robot import find_robot, read_robot
+from campaigns.robots.robot import find_robot
 from campaigns.settings.config import (
     SCHEMA,
     CampaignConfig,
@@ -44,41 +44,27 @@ def read(text):
 complaint = partial(refusal, ConfigInvalid, read)
 
 
-def test_new_campaign_reads_back_as_it_was_told(tmp_path):
-    config = new_config(TOLD | {"gate": {"attempts": 5}, "people": {"operator": "A. Smith"}})
-    write_new_campaign(tmp_path / "spring", config, PROTOTYPE)
-    assert read_campaign(tmp_path / "spring") == config
-    assert read_robot(tmp_path / "spring" / config.robot).robot == PROTOTYPE.robot
-
-
-def test_zones_of_a_new_campaign_read_back_as_they_were_told(tmp_path):
+def test_a_new_campaign_reads_back_as_it_was_told(tmp_path):
     box = {"name": "conveyor, left", "x_mm": [-400.0, -150.0], "z_mm": [-900.0, -600.0]}
     pillar = {"centre_mm": [180.0, -260.0], "radius_mm": 20.0}
     space = {"z_lowest_mm": -800.0, "keep_out": {"boxes": [box, box], "cylinders": [pillar]}}
-    config = new_config(TOLD | {"space": space})
+    more = {"gate": {"attempts": 5}, "people": {"operator": "A. Smith"}, "space": space}
+    config = new_config(TOLD | more)
     write_new_campaign(tmp_path / "spring", config, PROTOTYPE)
-    found = read_campaign(tmp_path / "spring")
-    assert found == config
-    assert [each.name for each in found.space.keep_out.boxes] == ["conveyor, left"] * 2
-    assert found.space.keep_out.cylinders[0].centre_mm == (180.0, -260.0)
+    back = read_campaign(tmp_path / "spring")
+    assert back == config
+    assert [zone.name for zone in back.space.keep_out.boxes] == ["conveyor, left"] * 2
+    assert back.space.keep_out.cylinders[0].centre_mm == (180.0, -260.0)
+    assert (tmp_path / "spring" / "robot.yaml").read_bytes() == PROTOTYPE.document.text.encode()
 
 
 def test_only_names_and_addresses_must_be_given_and_defaults_are_the_papers():
-    assert read(MINIMAL) == new_config(TOLD)
     config = read(MINIMAL)
+    assert config == new_config(TOLD)
     assert (config.plan.shots, config.plan.validation_pairs) == (120, 20)
-    assert config.plan.placement == "boundary"
     assert config.validation.repeatability_approaches == 28
     assert config.validation.line_lengths_mm == (800.0, 800.0, 500.0)
-    assert config.validation.centre_mm == (0.0, 0.0, -575.0)
-    space = read(MINIMAL).space
-    assert space == new_config(TOLD).space
-    assert (space.z_lowest_mm, space.radius_mm, space.keep_out.boxes) == (None, None, ())
-
-
-def test_new_campaign_holds_the_robot_file_byte_by_byte(tmp_path):
-    write_new_campaign(tmp_path, new_config(TOLD), PROTOTYPE)
-    assert (tmp_path / "robot.yaml").read_bytes() == PROTOTYPE.document.text.encode()
+    assert config.space.keep_out.boxes == ()
 
 
 def test_every_key_is_described_and_stands_below_its_explanation():
@@ -123,24 +109,16 @@ def test_folder_without_settings_names_the_campaigns_nearby(tmp_path, monkeypatc
     assert "new" not in refused("x")
 
 
-def test_campaign_is_not_made_over_another(tmp_path):
-    write_new_campaign(tmp_path, new_config(TOLD), PROTOTYPE)
-    before = (tmp_path / "campaign.yaml").read_bytes()
-    with pytest.raises(OutputExists, match=r"campaign\.yaml already exists"):
-        write_new_campaign(tmp_path, new_config(TOLD | {"name": "other"}), PROTOTYPE)
-    assert (tmp_path / "campaign.yaml").read_bytes() == before
-
-
-def test_robot_file_of_somebodys_own_is_not_overwritten(tmp_path):
+def test_no_campaign_and_no_robot_file_of_others_is_overwritten(tmp_path):
     (tmp_path / "robot.yaml").write_text("mine\n")
     with pytest.raises(OutputExists, match=r"robot\.yaml already exists"):
         write_new_campaign(tmp_path, new_config(TOLD), PROTOTYPE)
     assert (tmp_path / "robot.yaml").read_text() == "mine\n"
-
-
-def test_campaign_that_broke_off_after_its_robot_file_can_be_made(tmp_path):
+    # a command that broke off after its robot file can be given again
     (tmp_path / "robot.yaml").write_text(PROTOTYPE.document.text)
     write_new_campaign(tmp_path, new_config(TOLD), PROTOTYPE)
+    with pytest.raises(OutputExists, match=r"campaign\.yaml already exists"):
+        write_new_campaign(tmp_path, new_config(TOLD | {"name": "other"}), PROTOTYPE)
     assert read_campaign(tmp_path).name == "spring"
 
 
@@ -149,9 +127,7 @@ def test_campaign_that_broke_off_after_its_robot_file_can_be_made(tmp_path):
     [
         ("name: spring", "name: ''", 'campaign.yaml:2: name is "", must not be empty'),
         ("  reflector: RRR 1.5in\n", "", "campaign.yaml:5: tracker.reflector is missing"),
-        ("reflector", "reflektor", "did you mean reflector?"),
         ("tcp://192.168.1.2:5010", "192.168.1.2", "campaign.yaml:4: controller.url is"),
-        ("tcp://192.168.1.2:5010", "tcp://192.168.1.2", "give its address: tcp://HOST:PORT"),
         ("tcp://192.168.1.2:5010", "tcp://me@robot:5010", "give its address: tcp://HOST:PORT"),
         ("tcp://192.168.1.3:700", "http://tracker", "give its address: tcp://HOST:PORT"),
     ],
@@ -168,25 +144,16 @@ def test_wrong_value_is_answered_with_its_line_and_what_to_give(old, new, words)
         ("  reflector_facing: [0, 0, 0]", "tracker.reflector_facing is [0, 0, 0], which is no"),
         ("  driver: faro", "tracker.driver is \"faro\", must be 'emscon'"),
         ("plan: {shots: 121}", "plan.shots is 121, must be a multiple of 2"),
-        ("plan: {placement: random}", "must be 'boundary' or 'optimal'"),
         ("settle: {timeout_s: 0.1}", "settle.timeout_s is 0.1, must be above time_s, which is 0.2"),
-        ("  uncertainty: {along_mm: 0.01}", "write along_um"),
         ("space: {z_lowest_mm: -500, z_highest_mm: -600}", "z_lowest_mm -500"),
         ("space: {keep_out: {boxes: [{name: x}]}}", "space.keep_out.boxes[0]"),
         (
             "space: {keep_out: {boxes: [{x_mm: [0, 1]}, {x_mm: [1, 0]}]}}",
             "space.keep_out.boxes[1].x_mm is [1.0, 0.0], the lowest must be below the highest",
         ),
-        (
-            "space: {keep_out: {cylinders: [{centre_mm: [0, 0]}]}}",
-            "keep_out.cylinders[0].radius_mm is missing → give its radius, mm",
-        ),
         ("gate:\n", "gate is empty, must hold keys with values"),
         ("robot: ../robot.yaml", "give the name of the file in this folder"),
-        (
-            "controler: {}",
-            "campaign.yaml:8: controler is not a known key → did you mean controller?",
-        ),
+        ("controler: {}", "campaign.yaml:8: controler is not a known key → did you mean contr"),
     ],
 )
 def test_wrong_addition_is_answered_with_its_key_and_limit(more, words):
