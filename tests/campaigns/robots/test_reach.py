@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 
 from campaigns.errors import ConfigInvalid
-from campaigns.robots.reach import base_mm
 from campaigns.robots.robot import RobotFile, find_robot
-
-ROBOTS = ("par4-prototype", "linear-delta", "i4r")
 
 
 def of_unknown_centre(name: str, times: float = 1.0, aside_mm: float = 0.0) -> RobotFile:
@@ -28,21 +25,19 @@ def of_unknown_centre(name: str, times: float = 1.0, aside_mm: float = 0.0) -> R
 
 
 @pytest.mark.parametrize(
-    ("name", "times"), [*((name, 1.0 / 3.0) for name in ROBOTS), ("delta", 2.0)]
+    ("name", "times", "aside_mm"),
+    [("par4-prototype", 1.0 / 3.0, 0.0), ("linear-delta", 1.0 / 3.0, 0.0), ("delta", 2.0, 300.0)],
 )
-def test_robot_of_any_size_reaches_all_about_its_centre(name: str, times: float) -> None:
-    robot = of_unknown_centre(name, times)
-    around = np.tile(robot.workspace_centre, (7, 1))
+def test_robot_of_any_size_and_place_reaches_all_about_its_centre(
+    name: str, times: float, aside_mm: float
+) -> None:
+    robot = of_unknown_centre(name, times, aside_mm)
+    centre = robot.workspace_centre
+    np.testing.assert_allclose(centre[:2], [aside_mm, 0.0], atol=1e-9)
+    around = np.tile(centre, (7, 1))
     around[1:4, :3] += 100.0 * times * np.eye(3)
     around[4:, :3] -= 100.0 * times * np.eye(3)
     assert robot.kinematics.feasibility(robot.limits, around).feasible.all()
-
-
-def test_centre_is_below_the_base_wherever_that_is_in_its_frame() -> None:
-    here, aside = of_unknown_centre("delta"), of_unknown_centre("delta", aside_mm=300.0)
-    np.testing.assert_allclose(base_mm(here.kinematics).mean(axis=0), 0.0, atol=1e-9)
-    moved_mm = aside.workspace_centre - here.workspace_centre
-    np.testing.assert_allclose(moved_mm, [300.0, 0.0, 0.0], atol=1e-9)
 
 
 def test_robot_that_reaches_nothing_is_refused() -> None:

@@ -1,9 +1,6 @@
 """Robot files: read, checked, compensated, written."""
 
 import math
-import re
-from importlib import resources
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -77,12 +74,10 @@ def test_shipped_robots_are_those_of_reference_and_paper():
     assert limits.joint == (math.radians(-45.0), math.radians(90.0))
     assert limits.task == (None, None, None, (math.radians(-45.0), math.radians(45.0)))
     assert limits.forearm_swing_rad == math.radians(45.0)
-    robot = find_robot("par4-table1").robot
-    flat = robot.parameters
+    flat = find_robot("par4-table1").robot.parameters
     printed_rule = [45.0 + (3 - arm) * 90.0 for arm in range(4)]
     assert [flat[f"arm{arm}.azimuth_deg"] for arm in range(4)] == printed_rule
     assert [flat[f"arm{arm}.forearm_mm"] for arm in range(4)] == [350.0] * 4
-    assert robot.limits.joint == (math.radians(-45.0), math.radians(45.0))
 
 
 def test_robot_is_found_by_path_and_another_named(tmp_path):
@@ -100,22 +95,16 @@ def test_robot_is_found_by_path_and_another_named(tmp_path):
     [
         ("arm_mm: 350.0", "arm_mm: -350.0", 18, "arms[0].arm_mm is -350.0, must be above 0"),
         ("arm_mm: 350.0", "arm_mm: .nan", 18, "must be a finite number"),
-        ("arm_mm: 350.0", "arm_mm: '350'", 18, 'is "350", must be a number'),
         ("arm_mm: 350.0", "arm_mm: 350,5", 18, "write a decimal point, not a comma"),
         ("arm_mm: 350.0, ", "", 18, "geometry.arms[0].arm_mm is missing"),
         ("forearm_mm: 700.0", "forearm_m: 0.7", 18, "write forearm_mm, with the value in mm"),
-        ("plate_mm", "plat_mm", 23, "did you mean plate_mm?"),
         ("    - {x_mm: -172.5, y_mm: 222.5", "    # {", 15, "geometry.arms[3] is missing"),
         ("[-45.0, 90.0]", "[90, -45]", 26, "the lowest must be below the highest"),
-        ("[-45.0, 90.0]", "[-45, 0, 90]", 26, "has 3 entries, must have 2"),
         ("mechanism: par4", "mechanism: hexapod", 12, "is \"hexapod\", must be 'par4', 'h4', "),
         ("mechanism: par4", "mechanism: delta", 23, "geometry.plate_mm is not a known key"),
-        ("name: par4", "name: x\nname: par4", 14, 'duplicate key "name"'),
         ("robot/1", "robot/2", 11, "a newer pkmcal wrote the file"),
         ("robot/1", "campaign/1", 11, "give a pkmcal/robot file here"),
-        ("schema: pkmcal/robot/1\n", "", 1, "begin with 'schema: pkmcal/robot/1'"),
         (LAST_LINE, f"{LAST_LINE}uncertainty: {{arm0.x: 1.0}}", 30, "write arm0.x_mm"),
-        (LAST_LINE, f"{LAST_LINE}uncertainty: {{plate_mm: -1.0}}", 30, "must be at least 0"),
         (LAST_LINE, f"{LAST_LINE}provenance: {{a: [.nan]}}", 30, "not finite"),
         ("arm_mm: 350.0", "axis_tilt_deg: 11.0, arm_mm: 350.0", 18, "11.0, must be at most 10"),
     ],
@@ -127,32 +116,25 @@ def test_wrong_file_is_answered_with_line_key_value_and_remedy(tmp_path, old, ne
     assert " → " in said
 
 
-def test_digest_tells_doubles_apart_and_axis_tilts_but_not_minus_zero():
-    flat = PROTOTYPE.robot.parameters
-    other = flat | {"arm2.arm_mm": math.nextafter(flat["arm2.arm_mm"], math.inf)}
-    digests = [
-        RobotFile.of(PAR4, each, name="x", limits=PROTOTYPE.robot.limits).digest()
-        for each in (flat, other, flat)
-    ]
-    assert digests[0] == digests[2] != digests[1]
-    robot = RobotFile.of(PAR4, flat | {"arm0.z_mm": -0.0}, name="x", limits=PROTOTYPE.robot.limits)
-    assert robot.digest() == PROTOTYPE.robot.digest()
-    assert PROTOTYPE.robot.digest() == DIGEST_OF_PROTOTYPE
-    assert tilted().robot.digest() != DIGEST_OF_PROTOTYPE
-    other = changed(PROTOTYPE.robot.parameters | {"arm1.axis_tilt_deg": 0.03})
-    assert other.robot.digest() != tilted().robot.digest()
+def test_digest_tells_doubles_and_axis_tilts_apart_but_not_minus_zero():
+    flat, digest = PROTOTYPE.robot.parameters, PROTOTYPE.robot.digest()
+    assert digest == DIGEST_OF_PROTOTYPE
+    for changes, is_equal in (
+        ({"arm2.arm_mm": math.nextafter(flat["arm2.arm_mm"], math.inf)}, False),
+        ({"arm1.axis_tilt_deg": 0.03}, False),
+        ({"arm0.z_mm": -0.0}, True),
+    ):
+        robot = RobotFile.of(PAR4, flat | changes, name="x", limits=PROTOTYPE.robot.limits)
+        assert (robot.digest() == digest) == is_equal, changes
 
 
 def test_changed_geometry_under_an_old_digest_is_refused_naming_both(tmp_path):
-    text = changed().document.text
-    digest = PROTOTYPE.robot.digest()
-    path = written(tmp_path, text.replace("plate_mm: 100.0", "plate_mm: 100.5"))
-    with pytest.raises(ConfigInvalid) as caught:
-        read_robot(path)
-    said = str(caught.value)
-    assert f"sha256 is {digest}" in said
-    assert said.count("sha256") == 2
-    assert "restore the file, or delete the line" in said
+    text = changed().document.text.replace("plate_mm: 100.0", "plate_mm: 100.5")
+    with pytest.raises(
+        ConfigInvalid, match=f"sha256 is {PROTOTYPE.robot.digest()}, but of"
+    ) as said:
+        read_robot(written(tmp_path, text))
+    assert "restore the file, or delete the line" in said.value.remedy
 
 
 @pytest.mark.parametrize(
@@ -168,25 +150,21 @@ def test_parameters_that_are_not_the_29_make_no_robot(flat, words):
         RobotFile.of(PAR4, flat, name="x", limits=PROTOTYPE.robot.limits)
 
 
-def test_compensated_file_keeps_the_comments_and_changes_only_what_differs(tmp_path):
+def test_compensated_file_keeps_the_comments_and_holds_uncertainty_and_origin(tmp_path):
     geometry = PROTOTYPE.robot.parameters | {"arm1.x_mm": 171.25}
-    text = changed(geometry).document.text
+    path = tmp_path / "compensated.yaml"
+    write_new_robot(path, changed(geometry))
     before = PROTOTYPE.document.text.splitlines()
-    after = text.splitlines()[: len(before)]
-    differing = [(old, new) for old, new in zip(before, after, strict=True) if old != new]
+    after = path.read_text(encoding="utf-8").splitlines()
+    differing = [(old, new) for old, new in zip(before, after, strict=False) if old != new]
     assert differing == [
         ("name: par4-prototype", "name: par4-prototype compensated"),
         (before[LINE_OF_ARM_0], before[LINE_OF_ARM_0].replace("172.5", "171.25")),
     ]
-
-
-def test_compensated_file_tells_uncertainty_provenance_and_digest(tmp_path):
-    path = tmp_path / "compensated.yaml"
-    write_new_robot(path, changed())
     robot = read_robot(path).robot
     assert robot.parameters.std == UNCERTAINTY
     assert robot.provenance == PROVENANCE
-    assert f"sha256: {robot.digest()}" in path.read_text(encoding="utf-8")
+    assert f"sha256: {robot.digest()}" in after
 
 
 def tilted(**changes):
@@ -229,39 +207,29 @@ def test_a_controller_is_told_29_parameters_or_why_not():
     )
 
 
-def geared(tmp_path, **of_arm):
+def geared(tmp_path, ripples_per_turn=None, **of_arm):
     """Prototype whose second arm has more values."""
     tree = PROTOTYPE.document.editable_tree()
-    told = of_arm.pop("ripples_per_turn", None)
     tree["geometry"]["arms"][1].update(of_arm)
-    if told:
-        tree["ripples_per_turn"] = told
-    path = tmp_path / "geared.yaml"
-    path.write_text(yaml_text(tree), encoding="utf-8")
-    return read_robot(path).robot
+    if ripples_per_turn:
+        tree["ripples_per_turn"] = ripples_per_turn
+    return read_robot(written(tmp_path, yaml_text(tree))).robot
 
 
 def test_a_file_holds_transmission_where_it_is_not_0(tmp_path):
-    robot = geared(
-        tmp_path,
-        encoder_gain_ppm=-120.0,
-        ripple_cos_deg=0.003,
-        backlash_deg=0.01,
-        ripples_per_turn=30.0,
-    )
-    gears = ("arm1.encoder_gain_ppm", "arm1.ripple_cos_deg", "arm1.backlash_deg")
-    names = (*gears, "ripples_per_turn")
+    errors = {"encoder_gain_ppm": -120.0, "ripple_cos_deg": 0.003, "backlash_deg": 0.01}
+    robot = geared(tmp_path, ripples_per_turn=30.0, **errors)
+    names = (*(f"arm1.{name}" for name in errors), "ripples_per_turn")
     assert robot.parameters.extended_by == names
     assert robot.digest() != PROTOTYPE.robot.digest()
     assert geared(tmp_path, backlash_deg=0.0).digest() == PROTOTYPE.robot.digest()
+    # the mechanism computes with them: gain of the motion, ripple at its rate, half the backlash
     joints, side = np.full((1, 4), 0.3), np.array([[0.0, 1.0, 0.0, 0.0]])
     true = joints.copy()
     true[0, 1] += -120e-6 * 0.3 + np.radians(0.003) * np.cos(30.0 * 0.3) - np.radians(0.005)
     expected = PROTOTYPE.robot.kinematics.forward(true).values_or_raise()
-    found = robot.kinematics.forward(joints, approach=side).values_or_raise()
-    assert found == pytest.approx(expected, abs=1e-9)
-    back = robot.kinematics.inverse(found, approach=side).values_or_raise()
-    assert back == pytest.approx(joints, abs=1e-12)
+    pose = robot.kinematics.forward(joints, approach=side).values_or_raise()
+    assert pose == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_ripple_without_its_period_and_a_joint_that_turns_round_are_refused(tmp_path):
@@ -274,8 +242,6 @@ def test_a_ripple_without_its_period_and_a_joint_that_turns_round_are_refused(tm
 lengths = st.floats(min_value=5.0, max_value=1e5)
 places = st.floats(min_value=-1e5, max_value=1e5)
 turns = st.floats(min_value=-360.0, max_value=360.0)
-
-
 tilts = st.floats(min_value=-10.0, max_value=10.0).filter(bool)
 
 
@@ -315,15 +281,12 @@ def test_the_half_that_carries_the_reflector_is_one_of_two():
             parse_robot(wrong, "robot.yaml")
 
 
-def test_a_drives_period_is_in_the_file_and_stays_in_an_identified_set(tmp_path):
+def test_a_drives_period_is_in_the_file_and_stays_in_an_identified_set():
     shipped = find_robot("linear-delta")
     assert shipped.robot.mechanism.rate == 0.0
-    path = tmp_path / "robot.yaml"
-    text = resources.files("campaigns.robots").joinpath("linear-delta.yaml")
-    path.write_text(f"{text.read_text(encoding='utf-8')}drive_period_mm: 20.0\n", encoding="utf-8")
-    told = read_robot(path)
-    assert told.robot.mechanism.rate == 20.0
-    identified = compensated(told, "identified", told.robot.parameters)
+    geared = parse_robot(f"{shipped.document.text}drive_period_mm: 20.0\n", "robot.yaml")
+    assert geared.robot.mechanism.rate == 20.0
+    identified = compensated(geared, "identified", geared.robot.parameters)
     assert identified.robot.mechanism.rate == 20.0
 
 
@@ -348,14 +311,9 @@ def test_tolerances_are_those_of_the_table_unless_the_file_says_other():
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (
-            "rod_deg: 0.05",
-            "names rod_deg, which is no group of error sources (did you mean rods_deg?)",
-        ),
-        ("scale_ppm: 5.0", "which is no group of error sources"),
+        ("rod_deg: 0.05", "which is no group of error sources (did you mean rods_deg?)"),
         ("rods_ppm: 5.0", "which is no group of error sources"),
         ("rods_deg: 0.0", "rods_deg is 0, must be above 0"),
-        ("rods_deg: .inf", "finite number"),
     ],
 )
 def test_a_tolerance_of_an_unknown_group_or_that_is_not_positive_is_refused(text, words):
@@ -370,15 +328,3 @@ def test_robot_in_metres_is_refused_and_told_so(tmp_path):
     said = refusal(ConfigInvalid, read_robot, written(tmp_path, text), begins=str(tmp_path))
     assert "arm0.forearm_mm is 0.7, and no length is above 5 mm: metres?" in said
     assert "such as 700" in said
-
-
-def test_robots_described_in_the_docs_stand_in_their_workspaces():
-    page = Path(__file__).parents[3] / "docs" / "explanation" / "mechanisms.md"
-    blocks = re.findall(r"```yaml\n(schema: pkmcal/robot/1\n.*?)```", page.read_text("utf-8"), re.S)
-    assert len(blocks) == 2
-    for block in blocks:
-        robot = parse_robot(block, "docs.yaml").robot
-        around = np.tile(robot.workspace_centre, (7, 1))
-        around[1:4, :3] += 50.0 * np.eye(3)
-        around[4:, :3] -= 50.0 * np.eye(3)
-        assert robot.kinematics.feasibility(robot.limits, around).feasible.all()
