@@ -200,7 +200,7 @@ class YamlDocument:
 
     def editable_tree(self) -> CommentedMap:
         """Return a separate tree with all comments; a deep copy of a tree loses some of them."""
-        tree = _load(self.text, self.name)
+        tree = loaded_yaml(_yaml(), self.text, self.name)
         assert isinstance(tree, CommentedMap), "as it was when it was read"
         return tree
 
@@ -210,11 +210,12 @@ def read_document(path: Path, *, if_missing: str) -> YamlDocument:
     return parse_document(read_text(path, ConfigInvalid, if_missing=if_missing), str(path))
 
 
-# A command reads its campaign's files several times, and parsing takes tens of milliseconds each.
-@lru_cache(maxsize=16)
 def parse_document(text: str, name: str) -> YamlDocument:
     """Read a YAML text that must be a mapping."""
-    tree = _load(text, name)
+    try:
+        tree = _shared_tree(text)
+    except FileRefused as error:  # its problem begins with the name, which is empty there
+        raise ConfigInvalid(f"{name}{error.problem}", remedy=error.remedy) from error
     if tree is None:
         raise ConfigInvalid(f"{name}: is empty", remedy="write the file anew or restore it")
     if not isinstance(tree, CommentedMap):
@@ -240,11 +241,11 @@ def checked(document: YamlDocument, schema: str, model: type[Model]) -> Model:
         raise explained(error, model, document.name, document.tree) from error
 
 
-def _load(text: str, name: str) -> object:
-    try:
-        return loaded_yaml(_yaml(), text, name)
-    except FileRefused as error:
-        raise ConfigInvalid(error.problem, remedy=error.remedy) from error
+# A command reads its campaign's files several times, and parsing takes tens of milliseconds each.
+@lru_cache(maxsize=16)
+def _shared_tree(text: str) -> object:
+    """Parse a text that was not parsed lately; raise `FileRefused`, which names no file."""
+    return loaded_yaml(_yaml(), text, name="")
 
 
 def _yaml() -> YAML:
