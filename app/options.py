@@ -1,10 +1,9 @@
 """Arguments and options that several commands share, worded once; options objects as options."""
 
-# Commands are plain functions: `command(terminal, campaign, options, *, dry=False)`. They know
-# nothing of Typer, and `RunOptions` and its like serve the Python API as well. `as_typer_command`
-# gives such a function the signature that Typer reads, and makes its arguments of what Typer has
-# read. What a dataclass of options has for help, bounds and metavar stands in an `Option`
-# at each field, next to its meaning, and not in a second list here.
+# Commands are plain functions without Typer: `command(terminal, campaign, options, *, dry=False)`.
+# `RunOptions` and its like serve the Python API as well, with help, bounds and metavar in an
+# `Option` at each field. `as_typer_command` gives such a function the signature that Typer reads,
+# and makes its arguments of what Typer has read.
 
 import inspect
 from collections.abc import Callable, Iterable

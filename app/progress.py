@@ -3,8 +3,7 @@
 # Two readers need two forms. On a terminal a bar replaces itself several times a second; in a file
 # or a pipe every update would be another line, so there a line is printed when a further tenth of
 # the work is done: at most ten lines, however long the work. Lines that have to stay (`say`) go
-# through the console of the bar, which prints them above it. Whether rich's bar is shown decides
-# which of the two forms is taken: `CountedWork._bars.disable`.
+# through the console of the bar, which prints them above it.
 #
 # Times are intervals (`3–4 min`), because the pace of the last shots says no more than that.
 

@@ -11,8 +11,6 @@
 #   its serial number against campaign.yaml and close it at the end of the block.
 # - One real and one simulated device make a rehearsal: the real robot's joints are handed on to
 #   the simulated one, so that the simulated tracker measures a robot that stands there.
-#
-# Drivers and the measuring engine take real and simulated devices alike.
 
 import json
 import random
@@ -122,6 +120,17 @@ class DevicePlace:
         """Return the place of a device outside this process."""
         return cls(url, opener_of(url), SystemClock(), _first_number())
 
+    @classmethod
+    def simulated(cls, cell: InProcessCell, device: DeviceName, url: str) -> "DevicePlace":
+        """Return the place of a device of a cell that is simulated in this process."""
+        name = f"{url}/{device}"
+
+        def open_pipe(*, timeout_s: float = CONNECT_S) -> Transport:  # noqa: ARG001 - at once
+            return cell.connect(device, name)
+
+        # no earlier session can have left an answer in a new pipe: questions count from 1
+        return cls(name, open_pipe, cell, 1, in_process=True)
+
 
 @dataclass(frozen=True, slots=True)
 class DeviceConnections:
@@ -220,36 +229,30 @@ def connections(
     """
     campaign.require_devices()
     connections_at = partial(DeviceConnections, campaign, stop_requested, alarm, prompt)
-    urls = campaign.config.controller.url, campaign.config.tracker.url
-    simulated = {url for url in urls if url.startswith(SIMULATED)}
-    if not simulated:
-        yield connections_at(DevicePlace.real(urls[0]), DevicePlace.real(urls[1]))
+    controller_url, tracker_url = campaign.config.controller.url, campaign.config.tracker.url
+    cell_urls = {url for url in (controller_url, tracker_url) if url.startswith(SIMULATED)}
+    if not cell_urls:
+        yield connections_at(DevicePlace.real(controller_url), DevicePlace.real(tracker_url))
         return
-    if len(simulated) > 1:
+    if len(cell_urls) > 1:
         raise ConfigInvalid(
-            f"controller and tracker are of two simulated cells: {' and '.join(urls)}",
+            "controller and tracker are of two simulated cells: "
+            f"{controller_url} and {tracker_url}",
             remedy="give both the same sim:// address",
         )
-    scenario = scenario_of(campaign.folder, simulated.pop())
+    scenario = scenario_of(campaign.folder, cell_urls.pop())
     with _in_process(campaign, scenario) as cell:
 
         def place(device: DeviceName, url: str) -> DevicePlace:
-            if not url.startswith(SIMULATED):
-                return DevicePlace.real(url)
-            name = f"{url}/{device}"
+            is_simulated = url.startswith(SIMULATED)
+            return (
+                DevicePlace.simulated(cell, device, url) if is_simulated else DevicePlace.real(url)
+            )
 
-            def open_pipe(*, timeout_s: float = CONNECT_S) -> Transport:  # noqa: ARG001 - at once
-                return cell.connect(device, name)
-
-            # no earlier session can have left an answer in a new pipe: questions count from 1
-            return DevicePlace(name, open_pipe, cell, 1, in_process=True)
-
+        controller, tracker = place("controller", controller_url), place("tracker", tracker_url)
         # a simulated tracker beside a real controller has to see the robot where that robot stands
-        yield connections_at(
-            place("controller", urls[0]),
-            place("tracker", urls[1]),
-            None if urls[0].startswith(SIMULATED) else cell.cell.controller,
-        )
+        followed = None if controller.in_process else cell.cell.controller
+        yield connections_at(controller, tracker, followed)
 
 
 @contextmanager

@@ -156,9 +156,8 @@ def option_rows(group: Any, name: str) -> Iterator[tuple[str, str]]:
     command = group.get_command(Context(group), name)
     for parameter in command.params:
         names, meaning = parameter.get_help_record(Context(command)) or ("", "")
-        names = (
-            re.sub(r" <(path|str|list.*)>", "", names).replace("|", " or ").replace("<csv>", "csv")
-        )
+        names = re.sub(r" <(path|str|list.*)>", "", names)
+        names = re.sub(r"<(.*?)>", r"\1", names).replace("|", " or ")  # Typer's marks of choices
         meaning = re.sub(r"\[default: \((.*?)\)", r"[default: \1", meaning).replace("  [", " [")
         meaning = re.sub(r"(\d+)<=x<=(\d+)", r"\1 to \2", meaning).replace("x>=", "at least ")
         if names:

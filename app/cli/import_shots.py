@@ -148,7 +148,7 @@ def command(
     pkmcal import cell-5 points.txt --unit mm
     pkmcal import cell-5 points.txt --stage before
     """
-    # 1. which file it is: a shots.csv holds the joints; a file of points needs them from another
+    # 1. check the options
     folder, file = folder_and_file(folder, file)
     campaign = open_campaign(folder)
     mechanism = campaign.robot.mechanism
@@ -165,25 +165,23 @@ def command(
         decimal=decimal,
         encoding=encoding,
     )
-    is_points = form == "ascii" or (form is None and not holds_joints(file, mechanism))
-    if is_points:
+    # 2. read it: rows with joints in both cases, lengths in mm
+    if form == "ascii" or (form is None and not holds_joints(file, mechanism)):
         joints = joints or _planned_joints(campaign, file, stage or "run")
+        points = _read_asking(terminal, file, of_points)
+        read_in = points.unit
+        rows, joined = join_shots(points, joints, mechanism, join=join, default=default)
+        for note in (*points.notes, joined):
+            terminal.note(note)
     elif joints or replace(of_points, unit=None) != PointFormat():
         raise OptionsInvalid(
             "--joints, --columns, --coordinates, --decimal and --encoding are for point files of "
             "other software",
             remedy="add --format ascii, or leave them out",
         )
-    # 2. read it; joints in both cases, lengths in mm
-    points = None if joints is None else _read_asking(terminal, file, of_points)
-    if points is None or joints is None:
+    else:
         read_in = unit or "mm"
         rows = tuple(in_unit(read_shots(file, mechanism, default), MM_PER_UNIT[read_in]))
-    else:
-        read_in = points.unit
-        rows, joined = join_shots(points, joints, mechanism, join=join, default=default)
-        for note in (*points.notes, joined):
-            terminal.note(note)
     # 3. compare with the robot and the journal, and write the series
     force = force or (stage is None and _may_replace(terminal, campaign, rows, file))
     with terminal.telling(f"reading {file}") as now_at:
