@@ -50,7 +50,7 @@ class HandSettings:
     """Joints of a pose by a parameter set; raises `LimitViolation`."""
 
 
-def _require_somebody(prompt: Prompt | None, device: str) -> Prompt:
+def _require_prompt(prompt: Prompt | None, device: str) -> Prompt:
     """Return whom to ask; raises `AddressInvalid` where there is no one."""
     if prompt is None:
         raise AddressInvalid(
@@ -114,14 +114,14 @@ class RobotByHand(RobotController):
 
     @override
     def prepare(self) -> None:
-        _require_somebody(self._prompt, "controller")
+        _require_prompt(self._prompt, "controller")
 
     def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:  # noqa: ARG002
-        """Have somebody go there; asked again while the display shows another place."""
+        """Have a person move the robot; ask again while the display shows another place."""
         self._move("move the robot", tuple(joints))
 
     def move_pose(self, pose: values.Pose, speed_fraction: float) -> None:  # noqa: ARG002
-        """Have somebody go to a pose by the controller's own kinematics.
+        """Have a person move the robot to a pose by the controller's own kinematics.
 
         The joints to expect are those of the parameters that it holds.
         """
@@ -144,7 +144,7 @@ class RobotByHand(RobotController):
 
     @override
     def write_geometry(self, geometry: Mapping[str, float]) -> None:
-        prompt = _require_somebody(self._prompt, "controller")
+        prompt = _require_prompt(self._prompt, "controller")
         table = "\n".join(f"  {name:<32}{value:.6f}" for name, value in geometry.items())
         question = f"type these parameters into the robot's controller:\n{table}"
         if prompt(f"{question}\nhas it taken all of them? [y/N] ").lower() not in {"y", "yes"}:
@@ -158,7 +158,7 @@ class RobotByHand(RobotController):
         """Do nothing: there is no wire."""
 
     def _move(self, command: str, target: tuple[float, ...]) -> None:
-        prompt = _require_somebody(self._prompt, "controller")
+        prompt = _require_prompt(self._prompt, "controller")
         axes = self._layout.joints
         # Four decimals: 0.0001° is 2 µm at a metre.
         shown = " ".join(f"{value:.4f}" for value in values.outer_units(axes, target))
@@ -167,7 +167,7 @@ class RobotByHand(RobotController):
         def read(text: str) -> tuple[tuple[float, ...], str]:
             raw = text.strip() or shown  # Enter confirms the numbers as they were shown
             joints = self._read(raw)
-            self._require_there(joints, target)
+            self._require_in_place(joints, target)
             return joints, raw
 
         self._joints, self._raw = _answer(
@@ -179,13 +179,13 @@ class RobotByHand(RobotController):
         require_joints("the robot's display", self._layout.joints, joints)
         return joints
 
-    def _require_there(self, joints: Sequence[float], target: Sequence[float]) -> None:
+    def _require_in_place(self, joints: Sequence[float], target: Sequence[float]) -> None:
         axes = self._layout.joints
-        for axis, here, there, limit in zip(
+        for axis, shown_joint, wanted, limit in zip(
             axes, joints, target, self._settings.in_place, strict=True
         ):
-            if not abs(here - there) <= limit:  # so that NaN is refused
-                shown = values.outer_units([axis, axis], [abs(here - there), limit])
+            if not abs(shown_joint - wanted) <= limit:  # so that NaN is refused
+                shown = values.outer_units([axis, axis], [abs(shown_joint - wanted), limit])
                 raise WireError(
                     f"joint {axis.name} is {shown[0]:.4f} from its target, limit {shown[1]:g} "
                     "(settle.in_place_deg)",
@@ -220,14 +220,14 @@ class TrackerByHand(LaserTracker):
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:  # noqa: ARG002
         """Raise `AddressInvalid` where no one can be asked; the rest is its operator's."""
-        _require_somebody(self._prompt, "tracker")
+        _require_prompt(self._prompt, "tracker")
 
     def measure(self) -> values.Measurement:
         """Have a person measure; raises `NotAMeasurement` when no point is given.
 
         A point equal to the one before, to the last digit, is asked for once more.
         """
-        prompt = _require_somebody(self._prompt, "tracker")
+        prompt = _require_prompt(self._prompt, "tracker")
         point_mm, raw = _answer(prompt, QUESTION, self._read)
         return values.Measurement(point_mm, None, None, raw)
 

@@ -37,7 +37,7 @@ class ControllerDriver:
 
 
 BY_HAND = "by-hand"
-"""Driver and address of a device that a person works: he is shown what to do, and answers."""
+"""Driver and address of a device that a person works by a dialogue at the terminal."""
 FILE = "file:"
 """Beginning of the address of a tracker whose software writes into a file."""
 
@@ -52,7 +52,7 @@ CONTROLLERS: dict[str, ControllerDriver] = {
     BY_HAND: ControllerDriver(by_hand.RobotByHand, by_hand.recorded_joints),
 }
 ADDRESSES = {BY_HAND: BY_HAND, "watch-file": FILE}
-"""How the address of a device without a wire begins, by its driver."""
+"""Beginning of the address of a device without a wire, by its driver."""
 
 if TYPE_CHECKING:
     TrackerName: TypeAlias = str

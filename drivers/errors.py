@@ -17,7 +17,7 @@ class ExplainedError(Exception):
     page = ""
     """Page and heading that say more, as `docs/reference/files.md#plancsv`, or empty."""
     details: Mapping[str, object] = {}
-    """What `--json` prints beside the error."""
+    """Values that `--json` prints beside the error, by their keys."""
 
     def __init__(self, problem: str, *, remedy: str) -> None:
         super().__init__(problem, remedy)

@@ -105,8 +105,8 @@ class Machine:
         self._status.poll()
         self._collect_messages()
         moving = self.is_moving()
-        fault, estop = self._fault(moving=moving), bool(self._status.estop)
-        return wire.ControllerStatus(moving, estop, fault[:70], tuple(self._encoders()))
+        fault, estop = self._find_fault(moving=moving), bool(self._status.estop)
+        return wire.ControllerStatus(moving, estop, fault[:70], tuple(self._read_encoders()))
 
     def is_moving(self, patience_s: float = 0.3) -> bool:
         """Return whether anything moves or is short of its target, or nothing is known.
@@ -123,14 +123,14 @@ class Machine:
         if not (self._is_at(self._target) and self.get("motion.in-position")):
             return True
         self._target = ()
-        commands, give_up_s = self._motor_commands(), time.monotonic() + patience_s
+        commands, give_up_s = self._read_motor_commands(), time.monotonic() + patience_s
         for _ in range(2):  # the first may end the cycle that gave these commands
             cycle_time = self.get("servo-thread.time")  # it measures each of its cycles
             while self.get("servo-thread.time") == cycle_time:
                 if time.monotonic() > give_up_s:
                     return True
                 time.sleep(0.0005)
-        return bool(self.get(POWER)) and self._motor_commands() != commands
+        return bool(self.get(POWER)) and self._read_motor_commands() != commands
 
     def require_standing(self) -> None:
         """Refuse what a robot that moves must not do."""
@@ -144,7 +144,7 @@ class Machine:
             raise Refusal("ESTOP", "the emergency stop is on")
         self._collect_messages()
         self._messages.clear()
-        if fault := self._fault(moving=False):
+        if fault := self._find_fault(moving=False):
             raise Refusal("FAULT", fault)
         self.require_standing()
         idle = self._linuxcnc.INTERP_IDLE  # which the task sees later than the realtime part
@@ -157,13 +157,13 @@ class Machine:
         """
         # The path that is planned is straight in coordinates, and curved for the joints. In short
         # parts, each to the pose of a point on the joints' line, the joints keep near that line.
-        here, unit = self._encoders(), self.unit
+        here, unit = self._read_encoders(), self.unit
         for n, joint in enumerate(joints):
             low, high = self.get(f"ini.{n}.min_limit"), self.get(f"ini.{n}.max_limit")
             if not low <= joint <= high:
                 text = f"joint {n} to {joint:.4f} {unit}, limits {low:g} to {high:g}"
                 raise Refusal("LIMIT", text)
-        ways = [there - q for q, there in zip(here, joints, strict=True)]
+        ways = [end - start for start, end in zip(here, joints, strict=True)]
         travel = max(map(abs, ways))
         count = max(1, math.ceil(travel / PART[unit]))
         poses = []
@@ -175,9 +175,9 @@ class Machine:
 
     def move_pose(self, coordinates: Sequence[float], percent: float) -> float:
         """Start a move to a pose by LinuxCNC's own kinematics; return its seconds."""
-        ways = zip(self.letters, self._place(), coordinates, strict=True)
+        ways = zip(self.letters, self._read_place(), coordinates, strict=True)
         speeds = {letter: self.get(f"ini.{letter}.max_velocity") for letter in self.letters}
-        fastest_s = max(abs(there - now) / speeds[letter] for letter, now, there in ways)
+        fastest_s = max(abs(end - now) / speeds[letter] for letter, now, end in ways)
         return self._start([coordinates], fastest_s, percent)
 
     def stop(self) -> None:
@@ -222,23 +222,23 @@ class Machine:
             if message[0] in kinds:
                 self._messages = [*self._messages, " ".join(message[1].split())][-5:]
 
-    def _encoders(self) -> list[float]:
+    def _read_encoders(self) -> list[float]:
         motors = [f"joint.{n}.motor-" for n in self.joints]
         return [self.get(f"{motor}pos-fb") - self.get(f"{motor}offset") for motor in motors]
 
-    def _motor_commands(self) -> list[float]:
+    def _read_motor_commands(self) -> list[float]:
         return [self.get(f"joint.{n}.motor-pos-cmd") for n in self.joints]
 
-    def _place(self) -> list[float]:
+    def _read_place(self) -> list[float]:
         """Read where the trajectory is, by letter."""
         return [self.get(f"axis.{letter}.pos-cmd") for letter in self.letters]
 
     def _is_at(self, target: Sequence[float]) -> bool:
         """Return whether the trajectory has come to its target; True without one."""
-        pairs = zip(target, self._place(), strict=False)
-        return all(abs(there - now) <= 2e-6 for there, now in pairs)
+        pairs = zip(target, self._read_place(), strict=False)
+        return all(abs(end - now) <= 2e-6 for end, now in pairs)
 
-    def _fault(self, *, moving: bool) -> str:
+    def _find_fault(self, *, moving: bool) -> str:
         """Return what is wrong, in LinuxCNC's words where it has any; empty for nothing."""
         # the task's copy of the positions: it stays the same where the task or realtime died
         seen, now_s = tuple(self._status.joint_actual_position), time.monotonic()
@@ -434,8 +434,8 @@ class Session(socketserver.BaseRequestHandler):
             return Answer(question.number, question.verb, self._obey(question))
         except BadQuestion as bad:
             return bad.answer
-        except Refusal as no:
-            return Answer(question.number, question.verb, Refused(no.code, str(no)[:150]))
+        except Refusal as refusal:
+            return Answer(question.number, question.verb, Refused(refusal.code, str(refusal)[:150]))
 
     def _obey(self, question: Question) -> object:
         """Do what a question asks for and return the body of the answer; raises `Refusal`."""
@@ -485,13 +485,15 @@ class Bridge(socketserver.ThreadingTCPServer):
 
 def main() -> None:
     """Serve until LinuxCNC ends, or this program is ended."""
-    words = argparse.ArgumentParser(description="Speaks robotline for the LinuxCNC that runs here.")
-    words.add_argument("-ini", help="given by LinuxCNC where this is its DISPLAY; not used")
-    words.add_argument("--port", type=int, default=5020)
-    words.add_argument("--host", default="127.0.0.1", help="0.0.0.0: for other computers too")
-    words.add_argument("--file", type=Path, default="calib.hal", help="keeps the parameters")
-    given = words.parse_args()
-    Bridge((given.host, given.port), given.file).serve_forever()
+    parser = argparse.ArgumentParser(
+        description="Speaks robotline for the LinuxCNC that runs here."
+    )
+    parser.add_argument("-ini", help="given by LinuxCNC where this is its DISPLAY; not used")
+    parser.add_argument("--port", type=int, default=5020)
+    parser.add_argument("--host", default="127.0.0.1", help="0.0.0.0: for other computers too")
+    parser.add_argument("--file", type=Path, default="calib.hal", help="keeps the parameters")
+    options = parser.parse_args()
+    Bridge((options.host, options.port), options.file).serve_forever()
 
 
 if __name__ == "__main__":

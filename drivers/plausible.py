@@ -17,7 +17,7 @@ def require(where: str, bounds: values.Bounds, value: float, *, which: str = "")
 
     `where` is the device's place, `which` the quantity where it has a name of its own.
     """
-    if bounds.hold(value):
+    if bounds.holds(value):
         return
     raise ImplausibleAnswer(
         f"{where}: answers what cannot be: {which or bounds.quantity} {value:g}{bounds.unit}, "

@@ -62,8 +62,8 @@ def ask_until(
         clock.sleep_s(pause_s)
 
 
-def comes_true(
+def wait_for(
     condition: Callable[[], bool], clock: Clock, *, give_up_s: float, pause_s: float
 ) -> bool:
-    """Return whether a condition becomes true before `give_up_s`; it is tried at least once."""
+    """Wait until a condition is true; return False if it is not by `give_up_s`."""
     return ask_until(bool, condition, clock, give_up_s=give_up_s, pause_s=pause_s)

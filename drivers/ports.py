@@ -45,7 +45,7 @@ class RobotController(Protocol):
     def prepare(self) -> None:
         """Bring the robot into the state that moving needs; repeatable after any fault.
 
-        May switch on and home, that is move. Raises `EmergencyStop` or `MotionFault` when it can't.
+        May switch on and home, that is move. Raises `EmergencyStop` or `MotionFault` if it cannot.
         """
 
     def move_joints(self, joints: Sequence[float], speed_fraction: float) -> None:
@@ -73,7 +73,7 @@ class RobotController(Protocol):
         """Replace all parameters at once, or none; the robot stands still meanwhile."""
 
     def reconnect(self) -> None:
-        """Open again after a fault of the wire; raises `WrongDevice` when somebody else answers."""
+        """Open again after a fault of the wire; raises `WrongDevice` if another device answers."""
 
     def close(self) -> None:
         """Leave the robot standing and the wire free."""

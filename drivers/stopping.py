@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from drivers.errors import PRESS_THE_EMERGENCY_STOP, DriverError, MotionFault, RobotStateUnknown
-from drivers.polling import comes_true
+from drivers.polling import wait_for
 from drivers.ports import Clock
 from drivers.session import Connected, DeviceSession
 
@@ -153,7 +153,7 @@ class StopProcedure:
                 self._alarm_once("it still moves")
             return False
 
-        if not comes_true(stands, self._clock, give_up_s=give_up_s, pause_s=self._pause_s):
+        if not wait_for(stands, self._clock, give_up_s=give_up_s, pause_s=self._pause_s):
             raise MotionFault("it still moves", remedy="use the hardware stop")
 
     def _alarm_once(self, why: str) -> None:

@@ -22,7 +22,7 @@ from drivers.errors import AddressInvalid, LinkDown
 DEFAULT_BAUD = 115200
 CHUNK_BYTES, SERIAL_CHUNK_BYTES = 65536, 4096
 CONNECT_S = 5.0
-"""How long a device may take to accept a connection."""
+"""Time in which a device must accept a connection, s."""
 # A time limit of zero would make a socket non-blocking: it would send a part, and raise.
 SHORTEST_SEND_S = 1e-3
 """Least time limit of a sending, s."""
@@ -140,7 +140,7 @@ class TcpTransport:
             if peer is None:
                 connected = socket.create_connection((host, port), timeout=timeout_s)
             else:
-                connected = _connected(peer, timeout_s)
+                connected = _connect_to(peer, timeout_s)
             peer = connected.family, connected.getpeername()
         except OSError as error:
             raise LinkDown(
@@ -188,7 +188,7 @@ class TcpTransport:
         )
 
 
-def _connected(peer: Peer, timeout_s: float) -> socket.socket:
+def _connect_to(peer: Peer, timeout_s: float) -> socket.socket:
     family, address = peer
     connected = socket.socket(family, socket.SOCK_STREAM)
     try:

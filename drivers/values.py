@@ -34,7 +34,7 @@ class Bounds:
     most: float
     unit: str
 
-    def hold(self, value: float) -> bool:
+    def holds(self, value: float) -> bool:
         """Return whether a value is within the bounds; NaN is not."""
         return self.least <= value <= self.most
 

@@ -26,7 +26,7 @@ from drivers.ports import LaserTracker
 from drivers.wire.typed_numbers import typed_numbers
 
 LOOK_S = 0.1
-"""How often the file is looked at."""
+"""Pause between two readings of the file, s."""
 AS_IT_STOOD = " = "
 """Behind the point in a record: the row as it stood in the file."""
 AGAIN = "measure the point again, one row for each question"
@@ -39,7 +39,7 @@ class WatchSettings:
     serial: str
     path: Path
     wait_s: float
-    """How long a row is waited for."""
+    """Time in which a row must come, s."""
     encoding: bounded_files.Encoding | None
     """Encoding of a file without a byte-order mark; None: UTF-8."""
     rows_of: Callable[[str], Sequence[str]]
@@ -105,14 +105,14 @@ class WatchedTracker(LaserTracker):
 
     def prepare(self, reflector: str, measuring_time_s: float) -> None:  # noqa: ARG002
         """Read what the file holds; raises `LinkDown` where it cannot be read."""
-        self._contents()
+        self._read_contents()
 
     def measure(self) -> values.Measurement:
         """Wait for a new row; raises `NotAMeasurement` for none in time, for two, for the last one.
 
         `LinkDown` when the file cannot be read, `Cancelled` at the wish to stop.
         """
-        before = now = self._contents()
+        before = now = self._read_contents()
         if before.rows:
             self._last = before.rows[-1]
         give_up_s = self._clock.now_s() + self._settings.wait_s
@@ -120,9 +120,9 @@ class WatchedTracker(LaserTracker):
             if self._cancelled():
                 problem = f"{self._name}: the wait for a row was abandoned"
                 raise Cancelled(problem, remedy="start again when ready")
-            now = self._contents(otherwise=now)
+            now = self._read_contents(otherwise=now)
             if rows := now.rows_since(before):
-                return self._measured(rows, now.text)
+                return self._measurement_of(rows, now.text)
             if self._clock.now_s() >= give_up_s:
                 half = "; its last line has no line end" if now.partial else ""
                 raise NotAMeasurement(
@@ -132,7 +132,7 @@ class WatchedTracker(LaserTracker):
                 )
             self._clock.sleep_s(LOOK_S)
 
-    def _measured(self, rows: Sequence[str], text: str) -> values.Measurement:
+    def _measurement_of(self, rows: Sequence[str], text: str) -> values.Measurement:
         if len(rows) > 1:
             raise NotAMeasurement(
                 f"{self._name}: {len(rows)} new rows at once, which of them is it?", remedy=AGAIN
@@ -146,7 +146,7 @@ class WatchedTracker(LaserTracker):
         raw = " ".join(map(repr, point_mm)) + AS_IT_STOOD + row
         return values.Measurement(point_mm, None, None, raw)
 
-    def _contents(self, otherwise: _Contents | None = None) -> _Contents:
+    def _read_contents(self, otherwise: _Contents | None = None) -> _Contents:
         """Read the file; returns `otherwise` while a writer keeps others from reading."""
         path = self._settings.path
         try:

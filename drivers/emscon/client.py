@@ -80,7 +80,7 @@ NOT_READY: Mapping[int, str] = {
     ResultStatus.ADM_HARDWARE_PROBLEM: "have the tracker's distance meter serviced",
     ResultStatus.ATR_HARDWARE_PROBLEM: "have the tracker's target camera serviced",
 }
-"""What to do about a tracker that is not ready, by the status of its answer."""
+"""Remedies for a tracker that is not ready, by the status of its answer."""
 # No public source has the number of a broken beam. These are taken for one while a beam is needed;
 # for a number outside the public table the traffic light decides.
 BEAM_LOST: frozenset[int] = frozenset(
@@ -98,7 +98,7 @@ BodyType = TypeVar("BodyType", bound=bodies.Body)
 Result = bodies.SingleResult | bodies.SingleResult2
 
 
-def refused(where: str, doing: str, status: int) -> DeviceRefused:
+def refusal_of(where: str, doing: str, status: int) -> DeviceRefused:
     """Return the error for a refused command."""
     problem = f"{where}: {doing} was refused: {status_text(status)}"
     if remedy := NOT_READY.get(status):
@@ -109,15 +109,15 @@ def refused(where: str, doing: str, status: int) -> DeviceRefused:
     return DeviceRefused(problem, remedy=remedy, code=str(status))
 
 
-def failed_with_beam(where: str, doing: str, status: int, *, beam_lost: bool) -> DeviceRefused:
-    """Return the error for something that needs the beam: `BeamBroken` when that was it.
+def beam_failure(where: str, doing: str, status: int, *, beam_lost: bool) -> DeviceRefused:
+    """Return the error for an action that needs the beam: `BeamBroken` if the beam is lost.
 
-    `beam_lost` is what the tracker's traffic light says after the failure. It decides for the
-    numbers that are in no public table, which a tracker's controller passes on.
+    `beam_lost`: the tracker's traffic light is red after the failure, which decides for numbers
+    outside the public table.
     """
     is_unlisted = not status_words(status)
     if status not in BEAM_LOST and not (beam_lost and is_unlisted):
-        return refused(where, doing, status)
+        return refusal_of(where, doing, status)
     problem = f"{where}: the beam is lost: {doing} failed: {status_text(status)}"
     return BeamBroken(problem, remedy=BEAM_REMEDY, code=str(status))
 
@@ -131,7 +131,7 @@ class EmsconDeadlines:
     initialise_s: float = 120.0
     motion_s: float = 30.0
     search_timeout_s: float = 10.0
-    """How long the tracker looks for a lost reflector."""
+    """Time for which the tracker looks for a lost reflector."""
     measuring_margin_s: float = 20.0
     old_connection_s: float = 5.0
     """Time for which it may hold a connection that has broken."""
@@ -182,7 +182,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
         """Return a command's answer; raises `DeviceRefused` when the tracker says no."""
         reply = self._exchange(command, body, within_s)
         if reply.status != ResultStatus.ALL_OK:
-            raise refused(self.name, command.title, reply.status)
+            raise refusal_of(self.name, command.title, reply.status)
         return _body_of(reply, answer)
 
     def ask_or_none(self, command: Command, answer: type[BodyType]) -> BodyType | None:
@@ -190,7 +190,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
         reply = self._exchange(command)
         return None if reply.status != ResultStatus.ALL_OK else _body_of(reply, answer)
 
-    def tell(
+    def order(
         self, command: Command, body: bodies.Body = wire.NOTHING, *, within_s: float | None = None
     ) -> None:
         """Give a command whose answer is bare; raises `DeviceRefused`."""
@@ -288,7 +288,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
         self._has_ended = False
         if any(map(_is_other_client, events)):
             self.close()
-            raise refused(self.name, "the connection", OTHER_CLIENT)
+            raise refusal_of(self.name, "the connection", OTHER_CLIENT)
         return events
 
     def _note_event(self, event: wire.FromServer) -> bool:
@@ -297,10 +297,10 @@ class EmsconClient(LinkClient[wire.FromServer]):
         # queue: it decides whether the result can be of this measurement.
         self._changes += _may_change_settings(event)
         self.passed_over += _is_passed_over(event)
-        ends = _ends_measurement(event)
-        if ends and not self._has_ended:
+        is_end = _ends_measurement(event)
+        if is_end and not self._has_ended:
             self._has_ended, self._first_end_s = True, self._clock.now_s()
-        return ends or _is_reflector(event)
+        return is_end or _is_reflector(event)
 
     def _exchange(
         self, command: Command, body: bodies.Body = wire.NOTHING, within_s: float | None = None

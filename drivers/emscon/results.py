@@ -9,7 +9,7 @@ show a result that cannot be of the measurement just started (`require_own`):
 3. After a failure or a reconnection, a second one follows before the tracker is idle: the failed
    measurement's result came late, and which of the two is which cannot be decided.
 
-Such a result is refused, and the shot is taken again. A result that is own is then interpreted:
+Such a result is refused, and the shot is taken again. A result that passes is then interpreted:
 point and air within bounds (`drivers/plausible.py`), and of two covariances the larger usable one.
 """
 
@@ -109,7 +109,7 @@ def _covariance(where: str, result: Result) -> values.Matrix3:
     """Return the larger by trace of the observed and the a-priori covariance.
 
     The observed one is the scatter within this measurement and may be smaller than what the
-    instrument can do; the a-priori one comes from its accuracy model and doesn't know this shot.
+    instrument can do; the a-priori one comes from its accuracy model alone.
     """
     for value in (*result.std, *result.apriori_std):
         if isfinite(value) and value > 0.0:  # zeros and no numbers are fields that were left out

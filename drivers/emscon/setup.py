@@ -21,7 +21,7 @@ CARTESIAN = bodies.Code(constants.RIGHT_HANDED_RECTANGULAR)
 STATIONARY = bodies.Code(constants.STATIONARY)
 ADM_ON = 1
 SEARCH_RADIUS_MM = 50.0
-"""How far around a place a lost reflector is looked for."""
+"""Radius around a place in which a lost reflector is looked for."""
 LASER_REMEDIES: dict[int, str] = {
     LaserStatus.COMMUNICATION_FAILED: "check the cable to the tracker head and restart the tracker",
     LaserStatus.HEATING_UP: "wait until the tracker says that it is warm, then start again",
@@ -45,30 +45,30 @@ Settings = dict[str, bodies.Body]
 def set_up(
     client: EmsconClient, reflector: str, measuring_time_s: float, deadlines: EmsconDeadlines
 ) -> Settings:
-    """Bring the tracker to what is wanted and return its settings as it then has them.
+    """Prepare the tracker and return its settings as it then has them.
 
-    Initialises a tracker that isn't, which turns its head. Raises `DeviceNotReady` while the laser
-    isn't warm and for a reflector that the tracker doesn't know, else `DeviceRefused`.
+    Initialises the tracker if necessary, which turns its head. Raises `DeviceNotReady` while the
+    laser cannot be used or if the tracker lacks the reflector, else `DeviceRefused`.
     """
     # 1. Units and coordinates, before any number is read.
-    client.tell(Command.SET_UNITS, UNITS)
-    client.tell(Command.SET_COORDINATE_SYSTEM_TYPE, CARTESIAN)
+    client.order(Command.SET_UNITS, UNITS)
+    client.order(Command.SET_COORDINATE_SYSTEM_TYPE, CARTESIAN)
     # 2. Laser, then Initialize, which turns the head: not for a tracker that cannot measure.
     status = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
     require_laser(client.name, status)
     if not is_initialised(status):
-        client.tell(Command.INITIALIZE, within_s=deadlines.initialise_s)
+        client.order(Command.INITIALIZE, within_s=deadlines.initialise_s)
     # 3. Reflector, mode, measuring time, search, switches.
     wanted_reflector = bodies.Code(_identifier(client, reflector))
-    client.tell(Command.SET_REFLECTOR, wanted_reflector)
-    client.tell(Command.SET_MEASUREMENT_MODE, STATIONARY)
+    client.order(Command.SET_REFLECTOR, wanted_reflector)
+    client.order(Command.SET_MEASUREMENT_MODE, STATIONARY)
     time_ms = round(measuring_time_s * 1e3)
-    client.tell(Command.SET_STATIONARY_MODE_PARAMS, bodies.StationaryMode(time_ms, ADM_ON))
+    client.order(Command.SET_STATIONARY_MODE_PARAMS, bodies.StationaryMode(time_ms, ADM_ON))
     # Covariances; an instrument without them refuses, and states standard deviations alone.
     extended = bodies.StatisticMode(constants.Statistics.EXTENDED, constants.Statistics.EXTENDED)
     client.attempt(Command.SET_STATISTIC_MODE, extended)
     timeout_ms = round(deadlines.search_timeout_s * 1e3)
-    client.tell(Command.SET_SEARCH_PARAMS, bodies.SearchParams(SEARCH_RADIUS_MM, timeout_ms))
+    client.order(Command.SET_SEARCH_PARAMS, bodies.SearchParams(SEARCH_RADIUS_MM, timeout_ms))
     _set_switches(client)
     # 4. Read back: firmware may accept a setting and keep another one.
     settings = read_settings(client)
@@ -145,7 +145,7 @@ def _set_switches(client: EmsconClient) -> None:
         send_reflector_position=0,
         try_measurement_mode=0,
     )
-    client.tell(Command.SET_SYSTEM_SETTINGS, wanted)
+    client.order(Command.SET_SYSTEM_SETTINGS, wanted)
 
 
 def _require_kept(where: str, settings: Settings, reflector: bodies.Code, time_ms: int) -> None:

@@ -16,7 +16,7 @@ from drivers.emscon.client import (
     OTHER_CLIENT,
     EmsconClient,
     EmsconDeadlines,
-    failed_with_beam,
+    beam_failure,
 )
 from drivers.emscon.results import measurement_of, require_own
 from drivers.plausible import require_weather
@@ -172,7 +172,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
     def _greet(self, client: EmsconClient) -> values.Identity:
         # A tracker that another program holds may say so as soon as it is connected to.
         client.drain()
-        client.tell(Command.SET_UNITS, setup.UNITS)
+        client.order(Command.SET_UNITS, setup.UNITS)
         return self._ask_identity(client)
 
     @override
@@ -218,7 +218,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
         """
         client = self._session.connection
         beam_lost = self._readiness() is values.Readiness.NOT_READY
-        error = failed_with_beam(client.name, doing, status, beam_lost=beam_lost)
+        error = beam_failure(client.name, doing, status, beam_lost=beam_lost)
         if isinstance(error, errors.BeamBroken):
             system = client.ask(Command.GET_SYSTEM_STATUS, bodies.SystemStatus)
             setup.require_laser(client.name, system)

@@ -159,7 +159,7 @@ class LineGrammar:
     def encode_question(self, question: Question) -> bytes:
         """Write a question as a line; raises `WireError` for a number that is not finite."""
         head = f"{QUESTION_MARK}{question.number}"
-        return self._pack([head, question.verb, *written(question.body)])
+        return self._pack([head, question.verb, *words_of(question.body)])
 
     def encode_answer(self, answer: Answer) -> bytes:
         """Write an answer as a line; a refusal's text is cleaned and cut to what a line holds."""
@@ -167,7 +167,7 @@ class LineGrammar:
         if isinstance(answer.body, Refused):
             text = _NOT_PRINTABLE.sub("?", answer.body.text)[:_REFUSAL_CHARACTERS]
             return self._pack([*head, "NO", answer.body.code, *text.split()])
-        return self._pack([*head, "OK", *written(answer.body)])
+        return self._pack([*head, "OK", *words_of(answer.body)])
 
     def decode_question(self, line: bytes) -> Question:
         """Read a line without its line feed; raises `BadQuestion`."""
@@ -200,7 +200,7 @@ class LineGrammar:
         raise WireError(f"neither 'VERB OK …' nor 'VERB NO CODE …': {line!r:.80}")
 
     def _read(self, kind: type[Body], words: Sequence[str]) -> Body:
-        body = read(kind, words)
+        body = body_of(kind, words)
         self._check(body)
         return body
 
@@ -239,7 +239,7 @@ def _answer_to_damaged(line: bytes, problem: str) -> Answer | None:
 # `Any` below: the fields of a message are known by their annotations only.
 
 
-def written(body: object) -> list[str]:
+def words_of(body: object) -> list[str]:
     """Write a message as words; raises `WireError` for a number that is not finite."""
     # A tuple and a title are several words, and every other field is one.
     words: list[str] = []
@@ -255,7 +255,7 @@ def written(body: object) -> list[str]:
     return words
 
 
-def read(kind: type[Body], words: Sequence[str]) -> Body:
+def body_of(kind: type[Body], words: Sequence[str]) -> Body:
     """Read a message of its words; raises `WireError`."""
     values: list[Any] = []
     unread = list(words)
@@ -347,4 +347,4 @@ _FORMS: Mapping[Any, tuple[Callable[[Any], str], Callable[[str, str], object]]] 
     bool: (lambda value: "1" if value else "0", _read_flag),
     str: (_name_word, _read_name),
 }
-"""How a field of one word is written and read, by its annotation."""
+"""Writer and reader of a field of one word, by its annotation."""

@@ -329,4 +329,4 @@ class EmsconSession(ServedSession):
 
 def _is_in_sight(*coordinates_mm: float) -> bool:
     """Whether a place is within a tracker's distance; NaN and infinity are not."""
-    return DISTANCE.hold(hypot(*coordinates_mm))
+    return DISTANCE.holds(hypot(*coordinates_mm))

@@ -26,8 +26,8 @@ def test_stop_is_confirmed_whatever_the_joints_are(controller):
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -40.1, 70.1])
 def test_bounds_hold_no_number_that_is_none(value):
-    assert not TEMPERATURE.hold(value)
-    assert TEMPERATURE.hold(-40.0)
-    assert TEMPERATURE.hold(70.0)
+    assert not TEMPERATURE.holds(value)
+    assert TEMPERATURE.holds(-40.0)
+    assert TEMPERATURE.holds(70.0)
     with pytest.raises(ImplausibleAnswer):
         require_weather("here", Weather(value, 1013.0, 50.0))

@@ -3,7 +3,7 @@
 import pytest
 from timed_pipe import HandClock
 
-from drivers.polling import NAP_S, WakefulClock, ask_until, comes_true
+from drivers.polling import NAP_S, WakefulClock, ask_until, wait_for
 
 
 def test_answers_are_asked_for_until_one_settles_or_time_is_over():
@@ -16,8 +16,8 @@ def test_answers_are_asked_for_until_one_settles_or_time_is_over():
     found = ask_until(lambda _: False, clock.now_s, clock, give_up_s=2.0, pause_s=0.5)
     assert found == clock.now_s() == 2.0
     clock = HandClock()
-    assert comes_true(lambda: True, clock, give_up_s=-1.0, pause_s=0.5)
-    assert not comes_true(lambda: False, clock, give_up_s=-1.0, pause_s=0.5)
+    assert wait_for(lambda: True, clock, give_up_s=-1.0, pause_s=0.5)
+    assert not wait_for(lambda: False, clock, give_up_s=-1.0, pause_s=0.5)
     assert clock.now_s() == 0.0
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from robotline_layouts import PAR4_LAYOUT, TILTING_LAYOUT
 
-from drivers.wire.lines import written
+from drivers.wire.lines import words_of
 from drivers.wire.robotline import grammar
 from sim.cell import Cell
 from sim.geometry import geometry_of
@@ -48,7 +48,8 @@ class Client:
 
     def stage_all(self, geometry=CHANGED):
         return [
-            self.ask(" ".join(["STAGE", *written(part)])) for part in PAR4_LAYOUT.parts_of(geometry)
+            self.ask(" ".join(["STAGE", *words_of(part)]))
+            for part in PAR4_LAYOUT.parts_of(geometry)
         ]
 
     def state(self):
