@@ -94,7 +94,7 @@ def plate_joints_mm(robot: RobotSection, geometry: Geometry) -> Array:
     # a Delta's platform: on a circle, each joint in the direction of its arm
     if geometry.kind.turn is None:
         return PLATE_RADIUS_MM * geometry.outward
-    # each arm's bar is on the side of its own motor, so that arms do not cross
+    # two parts: each arm's bar is on the side of its own motor, at ±x
     return np.sign(geometry.motors_mm) * [PART_HALF_WIDTH_MM, 0.0, 0.0]
 
 
@@ -149,7 +149,7 @@ def transmission(robot: RobotSection, seed: int) -> Transmission:
     kind, gears = robot.kind, robot.transmission
     draw = generator(seed, Purpose.TRANSMISSION)
     phases = draw.uniform(-math.pi, math.pi, (2, kind.arms))
-    # a ring that is off its axis by e misreads an angle by at most e over its radius
+    # a ring that is e off its axis misreads angles by up to e over its radius, to first order
     eccentricity = 2.0 * gears.eccentricity_um * MM_PER_UM / gears.ring_mm
     ripple = gears.ripple_mm if kind.on_rails else gears.ripple_arcsec * RAD_PER_ARCSEC
     return Transmission(

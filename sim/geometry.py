@@ -216,7 +216,7 @@ class Geometry:
     def plate_joints_apart(self, turn_rad: float) -> tuple[Array, Array]:
         """Return each plate joint's way by the turn on a level platform, and its rate, (n, 3)."""
         # A hinge swings the other part round the first on a circle, from +y at no turn (paper,
-        # eq. 9); a slide moves it along -x in proportion to the turn that its rack makes of it.
+        # eq. 9); a slide moves it along -x, in proportion to the turn that a rack makes of the way.
         sine, cosine = math.sin(turn_rad), math.cos(turn_rad)
         if self.kind.turn is HINGE:
             apart, rate = np.array([-sine, cosine, 0.0]), np.array([-cosine, -sine, 0.0])

@@ -130,8 +130,8 @@ def readings_for(
     #
     # 1. For either side q follows by substitution, since the errors change far more slowly than q.
     # 2. Of these two readings a joint takes the one for the side to which it moves. If both are
-    #    above the present reading it rises, if both are below it falls; between them either would
-    #    contradict its own side, and the nearer one is taken.
+    #    above the present reading it rises, if both are below it falls; between them either is
+    #    right for its own side, and the nearer one is taken.
 
     def column(stem: str) -> Array:
         key = f"{stem}_{kind.unit}"

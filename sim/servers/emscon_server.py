@@ -182,7 +182,7 @@ class EmsconSession(ServedSession):
             self._send(emscon.refusal(command, outcome.status))
             return
         for body in outcome.bodies:
-            # an answer to SetUnits is already in the new units, since the setting is kept by now
+            # the instrument answers in mm, rad, °C and hPa: only the wire has the units set
             body_on_wire = to_wire(body, self._instrument.units)
             self._send(emscon.encode(emscon.Answer(command, body=body_on_wire)))
         # whether a change comes before or after its answer is not public: after is our choice

@@ -27,7 +27,6 @@ NEEDS_LINUXCNC = [
     pytest.mark.skipif(bool(LACKING), reason=f"no LinuxCNC to test with: {LACKING}"),
 ]
 NOMINAL = find_robot("par4-prototype").robot
-IDENTITY = "par4-prototype"
 FULL_SPEED_DEG_S = 360.0
 PATIENT = RobotlineDeadlines(answer_s=10.0, moving_answer_s=10.0)
 """A busy machine may leave LinuxCNC or the test itself without a core for a second."""

@@ -6,7 +6,6 @@ its stream. It looks at its socket five times a second, so each packet takes 0.2
 
 import inspect
 import time
-from contextlib import closing
 from types import SimpleNamespace
 from urllib.parse import urlsplit
 
@@ -224,9 +223,3 @@ def assert_reader_lives(connected, name):
         connected.stream.read()
     connected.command.GetUnits()
     assert connected.stream.is_alive(), name
-
-
-def test_second_client_is_refused(cell, client):
-    second = TheirClient(cell.tracker_url)
-    with closing(second), pytest.raises(Exception, match="failed with status 10011"):
-        second.command.Initialize()
