@@ -61,10 +61,11 @@ def dask_scheduler(tmp_path):
     """Gives the address of a scheduler with two workers, each of them a process."""
     file = tmp_path / "scheduler.json"
     place = ("--host", "127.0.0.1", "--no-dashboard", "--scheduler-file", str(file))
-    module = (sys.executable, "-m", "distributed.cli.dask_")
-    first = subprocess.Popen((*module[:2], f"{module[2]}scheduler", "--port", "0", *place))
-    worker = (*module[:2], f"{module[2]}worker", "--nworkers", "2", "--nthreads", "1", *place)
-    second = subprocess.Popen(worker)
+    scheduler = ("distributed.cli.dask_scheduler", "--port", "0")
+    worker = ("distributed.cli.dask_worker", "--nworkers", "2", "--nthreads", "1")
+    first, second = (
+        subprocess.Popen((sys.executable, "-m", *module, *place)) for module in (scheduler, worker)
+    )
     try:
         while not file.exists() or not file.read_text():
             time.sleep(0.05)

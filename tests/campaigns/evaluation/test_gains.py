@@ -1,6 +1,5 @@
 """Gains: what is a difference, and what is within its uncertainty."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from app.report.tables import key_figure_rows
 from campaigns.evaluation.summary import BeforeAfter, Spread
 from campaigns.evaluation.validation import MeasuredLength
 from campaigns.evaluation.verdict import Gain, gained_in_words
-from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.evidence import evaluate
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.validation import record_validation
 
@@ -79,16 +78,6 @@ def test_of_several_validations_the_latest_of_each_test_counts_for_all_who_ask(i
         told = record_validation(in_parts.campaign, journal, 4, "after")
     assert [each.name for each in told.evaluation.gains] == [each.name for each in found.gains]
     assert told.verdict == found.validated("after")
-
-
-def test_a_loss_is_told_by_every_answer_whichever_series_holds_the_distances(in_parts) -> None:
-    evidence = gather(in_parts.campaign)
-    turned = replace(evidence, before=evidence.after, after=evidence.before)
-    found = Evaluation(turned)
-    assert found.validated("after").decision == "fail"
-    (reason,) = found.validated("after").worse
-    assert reason.startswith("distances, mean error")
-    assert f"Worse: {reason}." in found.verdict.reasons
 
 
 def test_what_was_measured_with_other_parameters_is_of_no_use(tmp_path: Path) -> None:

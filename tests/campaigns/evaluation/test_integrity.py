@@ -21,12 +21,8 @@ def evidence(whole: PaperCampaign) -> Evidence:
     return gather(whole.campaign)
 
 
-def checks(evidence: Evidence) -> tuple[Check, ...]:
-    return Evaluation(evidence).checks
-
-
-def broken_checks(evidence: Evidence) -> list[Check]:
-    return [check for check in checks(evidence) if check.holds is False]
+def broken_checks(evidence) -> list[Check]:
+    return [check for check in Evaluation(evidence).checks if check.holds is False]
 
 
 def broken(evidence: Evidence) -> list[str]:
@@ -41,10 +37,11 @@ def restarted(evidence: Evidence, **changes: object) -> Evidence:
     return replace(evidence, after=(replace(measured, series=replace(series, started=started)),))
 
 
-def test_a_whole_campaign_holds_together(evidence: Evidence) -> None:
-    found = {check.statement: check.holds for check in checks(evidence)}
-    assert len(found) == 8
-    assert set(found.values()) == {True}
+def test_a_whole_campaign_holds_together_and_an_empty_one_compares_nothing(evidence, tmp_path):
+    holds = [check.holds for check in Evaluation(evidence).checks]
+    assert holds == [True] * 8
+    empty = gather(new_campaign(tmp_path / "empty").campaign)
+    assert {check.holds for check in Evaluation(empty).checks} == {None}
 
 
 def test_each_file_of_another_campaign_is_found_and_only_that(evidence, tmp_path: Path) -> None:
@@ -67,7 +64,7 @@ def test_each_file_of_another_campaign_is_found_and_only_that(evidence, tmp_path
         assert found.startswith(statement)
 
 
-def test_a_before_with_other_parameters_is_told_and_decides_nothing(evidence: Evidence) -> None:
+def test_a_before_with_other_parameters_is_told_and_decides_nothing(evidence):
     (measured,) = evidence.before
     started = replace(measured.series.started, robot_file_digest="0" * 64)
     series = replace(measured.series, started=started)
@@ -77,9 +74,7 @@ def test_a_before_with_other_parameters_is_told_and_decides_nothing(evidence: Ev
     assert not found.decides
 
 
-def test_limits_set_after_the_validation_are_judged_and_said_with_their_time(
-    evidence: Evidence,
-) -> None:
+def test_limits_set_after_the_validation_are_judged_and_said_with_their_time(evidence):
     limits = AcceptanceConfig(distance_mean_mm=5.0)
     now = reconfigured(evidence, acceptance=limits)
     for then, is_said in ((limits, False), (AcceptanceConfig(), True)):
@@ -104,9 +99,7 @@ def judged_now(evidence: Evidence, **changes: object) -> Evidence:
     return replace(evidence, identification=found)
 
 
-def test_a_space_or_a_known_length_of_another_day_leaves_the_verdict_open(
-    evidence: Evidence,
-) -> None:
+def test_a_space_or_a_known_length_of_another_day_leaves_the_verdict_open(evidence):
     judged = judged_now(evidence)
     assert broken(judged) == []
     bar = KnownLengthConfig(name="bar", length_mm=1000.0, std_mm=0.005)
@@ -121,7 +114,7 @@ def test_a_space_or_a_known_length_of_another_day_leaves_the_verdict_open(
         assert broken(older) == []
 
 
-def test_a_pass_by_limits_that_are_gone_is_none(evidence: Evidence) -> None:
+def test_a_pass_by_limits_that_are_gone_is_none(evidence):
     let_pass = Finding(HOLD_OUT, "far off; the acceptance limits are met all the same")
     judged = judged_now(evidence, findings=(let_pass,))
     kept = AcceptanceConfig(distance_mean_mm=5.0, distance_max_mm=9.0)
@@ -131,8 +124,3 @@ def test_a_pass_by_limits_that_are_gone_is_none(evidence: Evidence) -> None:
         (found,) = broken_checks(changed)
         assert found.detail == "acceptance changed since"
         assert Evaluation(changed).verdict.decision != "pass"
-
-
-def test_an_empty_campaign_has_nothing_to_compare(tmp_path) -> None:
-    empty = gather(new_campaign(tmp_path / "empty").campaign)
-    assert {check.holds for check in checks(empty)} == {None}

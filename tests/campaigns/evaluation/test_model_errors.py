@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rod_campaigns import TRACKER_FROM_BASE, rod_campaign
-from scipy.spatial.transform import Rotation
 
 from campaigns.evaluation.model_errors import ModelErrors
 from campaigns.evidence import Evaluation, Evidence, MeasuredSeries, gather
-from campaigns.fit.rigid_transforms import Transform
+from campaigns.fit.rigid_transforms import from_paper_angles
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification, read_identification
@@ -18,10 +17,7 @@ from campaigns.robots.robot import find_robot
 NOMINAL = find_robot("par4-prototype").robot.kinematics
 NOISE_MM = 0.01
 MOVED_AT = 70
-ELSEWHERE = Transform(
-    Rotation.from_euler("zyx", [70.0, 3.0, -2.0], degrees=True).as_matrix(),
-    np.array([900.0, -2000.0, 40.0]),
-)
+ELSEWHERE = from_paper_angles(np.array([1.2, 0.05, -0.03]), np.array([900.0, -2000.0, 40.0]))
 
 
 @pytest.fixture(scope="module")
@@ -34,17 +30,15 @@ def shots():
     return replace(data, points_in_tracker_mm=points, session=later.astype(int))
 
 
-def recorded(data, model, *, sessions):
-    options = IdentificationOptions(model=model, sessions=sessions)
-    found = identify(NOMINAL, data, options)
-    provenance = {"series": 1, "journal_records": 1, "at_utc": ""}
+def recorded(data, model):
+    result = identify(NOMINAL, data, IdentificationOptions(model=model, sessions=True))
     digests = dict.fromkeys(("robot_digest", "plan_digest", "journal_digest"), "")
-    return RecordedIdentification.of(found, **provenance, **digests)
+    return RecordedIdentification.of(result, series=1, journal_records=1, at_utc="", **digests)
 
 
 @pytest.fixture(scope="module")
 def by_sessions(shots):
-    return recorded(shots, "full", sessions=True)
+    return recorded(shots, "full")
 
 
 @pytest.fixture
@@ -85,12 +79,11 @@ def test_frames_are_those_in_which_the_tracker_stood(shots, by_sessions):
 
 def test_distances_between_sessions_are_none(shots, errors_of):
     """The stand moves between the two shots of a pair: their distance is left out, and named."""
-    numbers, points = np.array(shots.numbers), shots.points_in_tracker_mm.copy()
-    earlier = numbers == MOVED_AT - 1
-    points[earlier] = ELSEWHERE.apply(points[earlier])
-    session = (numbers >= MOVED_AT - 1).astype(int)
+    points, session = shots.points_in_tracker_mm.copy(), shots.session.copy()
+    before = [MOVED_AT - 1]
+    points[before], session[before] = ELSEWHERE.apply(points[before]), 1
     data = replace(shots, session=session, points_in_tracker_mm=points)
-    found = recorded(data, "paper", sessions=True)
+    found = recorded(data, "paper")
     assert [excluded.pair for excluded in found.excluded] == [data.pairs[MOVED_AT - 1]]
     errors = errors_of(data, found)
     assert len(errors.fitted.numbers) == 59

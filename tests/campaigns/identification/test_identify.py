@@ -104,17 +104,23 @@ def test_a_gross_shot_is_left_out_by_name_and_good_ones_never(clean):
     assert campaign.position_error_mm(result) < 2.0 * result.position_std_mm.rms
 
 
-@pytest.mark.parametrize(("since", "until"), [(40, 100), (25, 45)], ids=["lasting", "taken back"])
-def test_a_bumped_tracker_fails_with_the_shots_between_which_it_was(clean, since, until):
+@pytest.mark.parametrize(
+    ("part", "since", "until"),
+    [("tracker's stand", 40, 100), ("tracker's stand", 25, 45), ("arm 2", 35, 100)],
+)
+def test_a_change_in_time_fails_with_its_part_and_its_shots(clean, part, since, until):
     campaign, _ = clean
-    points = campaign.shots.points_in_tracker_mm.copy()
-    points[since:until] += [0.15, -0.1, 0.12]
-    result = identified(with_points(campaign, points))
+    points, joints = campaign.shots.points_in_tracker_mm.copy(), campaign.shots.joints.copy()
+    if part == "arm 2":
+        joints[since:until, 2] += np.radians(0.03)
+    else:
+        points[since:until] += [0.15, -0.1, 0.12]
+    result = identified(with_joints(with_points(campaign, points), joints))
     assert result.verdict == "fail"
-    numbers = changes(result)[0].numbers
-    assert numbers["part"] == "frame"
-    assert numbers["before_shot"] == pytest.approx(since, abs=2)
-    assert ("last_shot" in numbers) == (until < SHOTS)
+    change = changes(result)[0]
+    assert part in change.says
+    assert change.numbers["before_shot"] == pytest.approx(since, abs=2)
+    assert ("last_shot" in change.numbers) == (until < SHOTS)
 
 
 def test_of_two_steps_neither_leaves_a_change_without_a_size(clean):
@@ -128,17 +134,6 @@ def test_of_two_steps_neither_leaves_a_change_without_a_size(clean):
     ends = {step["last_shot"] + 1 for step in steps if "last_shot" in step}
     assert {step["before_shot"] for step in steps} | ends == {20, 45}
     assert all(abs(step["size"]) > step["U"] for step in steps)
-
-
-def test_a_step_of_an_encoder_fails_with_its_arm(clean):
-    campaign, _ = clean
-    joints = campaign.shots.joints.copy()
-    joints[35:, 2] += np.radians(0.03)
-    result = identified(with_joints(campaign, joints))
-    change = changes(result)[0]
-    assert result.verdict == "fail"
-    assert "arm 2" in change.says
-    assert change.numbers["before_shot"] == pytest.approx(35, abs=2)
 
 
 def test_joints_of_another_instant_are_a_scatter_that_no_robot_has(clean):
@@ -163,8 +158,7 @@ def test_a_wrong_nominal_length_is_a_finding_until_it_is_accepted(clean):
 
 def test_without_pairs_to_judge_by_nothing_is_decided(clean):
     campaign, _ = clean
-    alone = replace(campaign, shots=campaign.shots.of_set(ShotSet.IDENTIFICATION))
-    result = identified(alone)
+    result = identified(replace(campaign, shots=campaign.shots.of_set(ShotSet.IDENTIFICATION)))
     assert result.verdict == "not decided"
     assert obstacles(result) == [findings.NOTHING_UNSEEN]
 
