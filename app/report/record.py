@@ -77,7 +77,7 @@ def facts(evaluation: Evaluation) -> Iterator[Row]:
     started = [s.started for s in reversed(evidence.journal.series)] if evidence.journal else []
     robot = next((start.robot for start in started if start.robot), "")
     tracker = next((start.tracker for start in started if start.tracker), "")
-    identified, times = evidence.identification, _times_utc(evidence)
+    identification, times = evidence.identification, _times_utc(evidence)
     yield from (
         ("controller", str(robot)),
         ("tracker", str(tracker)),
@@ -88,7 +88,7 @@ def facts(evaluation: Evaluation) -> Iterator[Row]:
         ("speed", f"{config.controller.speed_percent:g} % of full speed"),
         ("measured", f"{moment(times[0])} to {moment(times[-1])}" if times else ""),
         ("conditions", certificate.conditions),
-        ("method", NOTHING if identified is None else _method(identified)),
+        ("method", NOTHING if identification is None else _method(identification)),
     )
 
 

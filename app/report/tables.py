@@ -286,13 +286,13 @@ def positions_in_words(identification: IdentificationResult) -> Iterator[str]:
     """Yield the uncertainty of positions and the region that it is valid for."""
     std = identification.position_std_mm
     if std is not None:
-        says = (
+        sentence = (
             f"predicted σ of positions over the workspace: {std.mean:.4f} mm on average, "
             f"{std.rms:.4f} mm rms, {std.max:.4f} mm at most"
         )
         if std.left_out:
-            says += f", without {std.left_out} of its poses, which this robot cannot take"
-        yield says
+            sentence += f", without {std.left_out} of its poses, which this robot cannot take"
+        yield sentence
     if identification.region is not None:
         yield identification.region.says
 

@@ -116,7 +116,7 @@ def show_validation(terminal: Terminal, validated: Validated, campaign: Campaign
 
 
 def _show(terminal: Terminal, validated: Validated) -> None:
-    """Show every figure with its uncertainty, and what was decided."""
+    """Show every figure with its uncertainty, then the decisions on stage and campaign."""
     stage, result, verdict = validated.stage, validated.stage_result, validated.verdict
     columns = tables.limits("")
     rows = texts(columns, verdict.requirements)
@@ -124,19 +124,20 @@ def _show(terminal: Terminal, validated: Validated) -> None:
     rows += tuple((name, number(value), *[NOTHING] * 4) for name, value in further)
     terminal.table(f"Validation, {stage} (mm)", [column.head for column in columns], rows)
     if result.cube:
-        shown = [c for c in tables.CUBE[1:] if c.head not in (*AXES, "n")]  # they fill 80 columns
+        # a terminal of 80 columns has no room for the stage, the poses' places and n
+        shown = [column for column in tables.CUBE[1:] if column.head not in (*AXES, "n")]
         terminal.rows("ISO 9283, pose by pose (mm)", shown, cube_poses(**{stage: result}))
         terminal.say(f"AP: {cube_frame(result)}; U: k = 2")
     _show_series(terminal, stage, result)
     held = validated.evaluation.evidence.held(stage)
     if held is not None and (held.form or held.declared or held.kind == "other"):
         terminal.say(f"the controller held {held.says}")
-    # limits are for the calibrated robot
-    says, style = "before calibration, only stated", ""
+    # limits are for the calibrated robot: before calibration a missed limit is no fault
+    label, style = "before calibration, only stated", ""
     if stage == "after":
-        says, style = "not good", DECISIONS[verdict.decision]
+        label, style = "not good", DECISIONS[verdict.decision]
     for reason in verdict.reasons:
-        terminal.say(f"{says}: {reason}", style)
+        terminal.say(f"{label}: {reason}", style)
     if verdict.decision == "pass" and validated.differing_verdict is None:
         terminal.say("good: all specified limits are met, measurement uncertainty included", GOOD)
     campaign = validated.campaign_verdict

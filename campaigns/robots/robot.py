@@ -400,12 +400,12 @@ def _limits(mechanism: ClosedChain, limits: yaml_file.FileModel) -> Limits:
     values = limits.model_dump()
     joint = mechanism.joints[0]
 
-    def interval_of(axis: Axis, ends: Interval | None) -> Interval | None:
-        return ends and (axis.from_file(ends[0]), axis.from_file(ends[1]))
+    def convert(axis: Axis, interval: Interval | None) -> Interval | None:
+        return interval and (axis.from_file(interval[0]), axis.from_file(interval[1]))
 
-    of_joints = interval_of(joint, values[f"joint_{joint.unit}"])
+    of_joints = convert(joint, values[f"joint_{joint.unit}"])
     assert of_joints is not None, "the schema requires it"
-    of_task = tuple(interval_of(axis, values.get(axis.column)) for axis in mechanism.task)
+    of_task = tuple(convert(axis, values.get(axis.column)) for axis in mechanism.task)
     return Limits(of_joints, of_task, math.radians(values["forearm_swing_deg"]))
 
 

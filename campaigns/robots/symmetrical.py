@@ -44,7 +44,7 @@ class Sizes:
     platform_mm: float
     """Radius of the forearms' lower ends; of two parts, half the way between the two on a part."""
     lengths_mm: Mapping[str, float]
-    """Of arms and platform, by field: `arm_mm`, `forearm_mm` …"""
+    """Lengths of arms and platform, by field: `arm_mm`, `forearm_mm` …"""
     first_deg: float | None = None
     """Direction of the first arm about z; None: the usual one of its kind of platform."""
 

@@ -345,7 +345,7 @@ class GateConfig(FileModel):
 
 
 class RunConfig(FileModel):
-    """What a run does by itself when something goes wrong."""
+    """Reactions of a run to lost links, faults of drives and reflectors that are not found."""
 
     # with `retry` 0 a run ends at a lost link or a drive's fault, and a person decides
     retry: int = Field(

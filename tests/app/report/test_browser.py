@@ -54,23 +54,25 @@ def page(whole: PaperCampaign, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 @pytest.fixture(scope="module")
-def pdf_pages(browser: Browser, page: Path) -> list[str]:
+def pdf(browser: Browser, page: Path) -> Path:
+    browser.print_pdf(page, page.with_suffix(".pdf"))
+    return page.with_suffix(".pdf")
+
+
+@pytest.fixture(scope="module")
+def pdf_pages(pdf: Path) -> list[str]:
     """The text of each printed page."""
     if shutil.which("pdftotext") is None:
         pytest.skip("there is no pdftotext on this system")
-    pdf = page.with_suffix(".pdf")
-    browser.print_pdf(page, pdf)
-    text = subprocess.run(
-        ["pdftotext", "-layout", str(pdf), "-"], capture_output=True, text=True, check=True
-    )
-    return text.stdout.split("\f")[:-1]
+    words = ["pdftotext", "-layout", str(pdf), "-"]
+    text = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    return text.split("\f")[:-1]
 
 
-def test_the_console_stays_empty(browser: Browser, page: Path) -> None:
+def test_figures_are_drawn_large_enough_with_text_and_no_complaint(
+    browser: Browser, page: Path
+) -> None:
     assert browser.console(page) == []
-
-
-def test_every_figure_is_drawn_large_enough_with_its_text(browser: Browser, page: Path) -> None:
     drawn = browser.measure(page, TABLET, DRAWN)
     assert set(drawn) == FIGURES
     for name, (width, texts, shapes) in drawn.items():
@@ -79,18 +81,17 @@ def test_every_figure_is_drawn_large_enough_with_its_text(browser: Browser, page
         assert shapes > 20, name
 
 
-@pytest.mark.parametrize("width", [TABLET, 1200])
-def test_no_text_is_cut(browser: Browser, page: Path, width: int) -> None:
-    found = browser.measure(page, width, f"[{WHOLE_WIDTH}, {CUT}, {OUTSIDE}]")
-    assert found[0] <= width
-    assert found[1:] == [[], []]
-
-
-@pytest.mark.parametrize("width", [390, TABLET])
-def test_no_short_word_of_a_table_is_broken(browser: Browser, page: Path, width: int) -> None:
-    whole, broken = browser.measure(page, width, f"[{WHOLE_WIDTH}, {BROKEN}]")
-    assert whole <= max(width, 500), "a browser's window is no narrower"
-    assert broken == []
+def test_no_text_is_cut_and_no_short_word_of_a_table_is_broken(
+    browser: Browser, page: Path
+) -> None:
+    for width in (TABLET, 1200):
+        whole, *faults = browser.measure(page, width, f"[{WHOLE_WIDTH}, {CUT}, {OUTSIDE}]")
+        assert whole <= width
+        assert faults == [[], []]
+    for width in (390, TABLET):
+        whole, broken = browser.measure(page, width, f"[{WHOLE_WIDTH}, {BROKEN}]")
+        assert whole <= max(width, 500), "a browser's window is no narrower"
+        assert broken == []
 
 
 def test_long_names_are_broken_not_cut(browser: Browser, tmp_path: Path) -> None:
@@ -104,9 +105,7 @@ def test_long_names_are_broken_not_cut(browser: Browser, tmp_path: Path) -> None
     assert found[1] == []
 
 
-def test_the_print_is_on_a4(browser: Browser, page: Path) -> None:
-    pdf = page.with_name("size.pdf")
-    browser.print_pdf(page, pdf)
+def test_the_print_is_on_a4(pdf: Path) -> None:
     boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", pdf.read_bytes())
     assert 5 <= len(boxes) <= 14
     for box in boxes:

