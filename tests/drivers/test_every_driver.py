@@ -74,6 +74,9 @@ def test_silence_closes_the_wire_until_it_is_opened_anew(far):
         far.device.state()
     far.device.reconnect()
     assert far.device.state()
+    far.device.close()
+    far.device.close()
+    assert all(pipe.is_closed for pipe in far.end.pipes)
 
 
 def test_another_device_after_a_reconnection_is_refused_and_the_first_known_again(far):
@@ -95,13 +98,6 @@ def test_wish_to_stop_abandons_a_question_and_closes_the_wire(far):
     with pytest.raises(Cancelled):
         far.device.state()
     assert far.end.pipes[-1].is_closed
-
-
-def test_closing_may_be_repeated(far):
-    far = connected(far)
-    far.device.close()
-    far.device.close()
-    assert all(pipe.is_closed for pipe in far.end.pipes)
 
 
 def test_interrupted_greeting_leaves_no_connection_open(far):

@@ -50,7 +50,6 @@ class TestSession:
     def test_closing_never_ends_the_trackers_server(self, station):
         sent_before = len(station.pipe.sent)
         station.tracker.close()
-        station.tracker.close()
         assert station.pipe.is_closed
         assert len(station.pipe.sent) == sent_before
 
