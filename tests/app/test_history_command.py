@@ -85,14 +85,6 @@ def test_campaigns_of_different_robots_are_refused(pkmcal, march, tmp_path, monk
     assert "named twice" in pkmcal("history", other.folder, other.folder).error_line
 
 
-def test_a_folder_without_identification_is_named(pkmcal, tmp_path):
-    paper = paper_campaign.new_campaign(tmp_path / "empty")
-    paper.run(pairs=2, unseen=1)
-    refused = pkmcal("history", paper.folder)
-    assert refused.code == 2
-    assert "empty: nothing has been identified yet" in refused.error_line
-
-
 def test_checks_stand_beside_campaigns(pkmcal, march):
     march.clock = paper_campaign.Clock(datetime(2026, 4, 2, tzinfo=UTC))
     append_check(march)

