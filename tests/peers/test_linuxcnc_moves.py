@@ -206,6 +206,14 @@ def test_motion_whose_client_says_nothing_any_more_is_stopped(bench):
     assert bench.move(HOME_RAD).fault == ""
 
 
+def test_stop_over_a_cut_connection_opens_another(bench):
+    bench.started(FAR_RAD, 0.05)
+    bench.transports[-1].close()
+    bench.robot.stop()
+    bench.robot.reconnect()
+    assert degrees(max(np.abs(np.subtract(bench.robot.state().joints, FAR_RAD)))) > 5.0
+
+
 def test_motion_that_is_stopped_at_linuxcnc_itself_is_a_fault(linuxcnc, bench):
     bench.started(FAR_RAD, 0.05)
     program = "import linuxcnc; linuxcnc.command().abort()"

@@ -1,21 +1,31 @@
-"""LinuxCNC's own Deltas, moved by the real LinuxCNC: they stand where our nominal ones do."""
+"""Robots in the real LinuxCNC: its own Deltas, and our kinematics of types without an example."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from linuxcnc_bench import NEEDS_LINUXCNC, at
+from linuxcnc_bench import NEEDS_LINUXCNC, at, world_controller
 from linuxcnc_campaign import tell
 from linuxcnc_instance import LinuxcncInstance
+from par4_space import with_values
 
+from campaigns.controllers.linuxcnc_export import write_hal
+from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import RobotFile, find_robot, pose_of
 
 pytestmark = NEEDS_LINUXCNC
 
 SAME = 1e-6
 """mm or deg."""
+STRAINED = 5e-3
+"""The same of four arms with imperfect parts, whose rods cannot all close."""
 DECIMALS = 6
 """Of the poses as they are sent."""
+CARRIAGES = [
+    ("TYPE = ANGULAR", "TYPE = LINEAR"),
+    ("MIN_LIMIT = -46", "MIN_LIMIT = -455"),
+    ("MAX_LIMIT = 91", "MAX_LIMIT = 455"),
+]
 
 
 def reachable(robot, count, seed):
@@ -90,3 +100,21 @@ def test_linuxcncs_own_delta_stands_where_our_nominal_one_does(tmp_path, oracle,
     with capsys.disabled():
         tell(f"{oracle.module}: {len(poses)} poses, away by {worst:.1e} mm at most")
     assert worst <= SAME
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["h4", "i4r", "i4l"])
+def test_robot_stands_where_the_model_with_tilting_plate_has_it(tmp_path, name):
+    nominal, draw = find_robot(name).robot, np.random.default_rng(2)
+    extensions = nominal.mechanism.parameters.select(Role.EXTENSION)
+    robot = with_values(nominal, {key: draw.normal(0.0, 0.05) for key in extensions})
+    on_rails = not robot.mechanism.joints[0].is_revolute
+    edits = [
+        ("KINEMATICS = pkmkins type=par4", f"KINEMATICS = pkmkins type={name}"),
+        ("MIN_LIMIT = -50", "MIN_LIMIT = -95"),
+        ("MAX_LIMIT = 50", "MAX_LIMIT = 95"),
+        *(CARRIAGES if on_rails else ()),
+    ]
+    linuxcnc = world_controller(tmp_path, edits=edits)
+    write_hal(linuxcnc.config / "calib.hal", robot, name, overwrite=True)
+    assert np.abs(away(linuxcnc, robot, reachable(robot, 5, seed=2))).max() <= STRAINED

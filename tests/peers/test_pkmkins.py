@@ -285,19 +285,29 @@ def test_forward_from_the_wrong_assembly_ends_on_the_right_one(module, case):
     assert np.abs(np.array(found) - case.poses_out()[:100]).max() <= case.same
 
 
+def test_pose_out_of_reach_is_refused(module, case):
+    assert module.inverse((3000.0, 0.0, -500.0, 0.0)) is None
+    if case.robot.mechanism.name in {"par4", "h4"}:
+        assert module.inverse((0.0, 0.0, -575.0, 95.0)) is None
+
+
 def test_pose_whose_joints_would_carry_the_plate_elsewhere_is_refused(module, case):
     draw = np.random.default_rng(6)
     low, high = case.poses_out().min(axis=0), case.poses_out().max(axis=0)
     wide = draw.uniform(low - BEYOND, high + BEYOND, (4000, len(low)))
     wide[:, 3:] = draw.uniform(-89.0, 89.0, (len(wide), len(low) - 3))
     checked = 0
-    assert module.inverse((3000.0, 0.0, -500.0, 0.0)) is None
     for pose in wide:
         joints = module.inverse(pose)
         if joints is not None:
             assert module.forward(joints, pose) == pytest.approx(pose, abs=1e-5)
             checked += 1
     assert checked > 200
+
+
+def test_joints_without_an_assembly_are_refused(module, case):
+    module.set_pins({pin_of(f"arm{arm}.forearm_mm"): 10.0 for arm in range(module.arms)})
+    assert module.forward([0.0] * module.arms) is None
 
 
 @pytest.mark.parametrize("value", [0.0, -100.0, float("nan"), float("inf")])
