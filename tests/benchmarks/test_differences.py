@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.differences import compare, differences, text_differences
+from benchmarks.differences import differences, text_differences
 
 PARAMETER = {"value": 350.0, "std": 0.02, "delta": 1.0}
 
@@ -31,13 +31,3 @@ def test_printed_numbers_may_differ_by_their_last_digit():
     assert list(text_differences(["mean 0.021 mm"], ["mean 0.022 mm"], "help/x.txt")) == []
     assert list(text_differences(["mean 0.021 mm"], ["mean 0.023 mm"], "help/x.txt")) != []
     assert list(text_differences(["0.021"], ["0.022"], "plans/x.csv")) != []
-
-
-def test_files_that_are_missing_or_added_are_named(tmp_path, capsys):
-    for side, name in (("old", "a.txt"), ("new", "b.txt")):
-        (tmp_path / side).mkdir()
-        (tmp_path / side / name).write_text("text\n", encoding="utf-8")
-    assert compare(tmp_path / "old", tmp_path / "new", most=5) == 1
-    printed = capsys.readouterr().out
-    assert "a.txt: 1 differences\n  missing" in printed
-    assert "b.txt: 1 differences\n  added" in printed

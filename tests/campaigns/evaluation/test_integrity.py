@@ -9,7 +9,6 @@ from paper_campaign import NOMINAL, PaperCampaign, new_campaign
 from campaigns.evaluation.verdict import Check
 from campaigns.evidence import Evaluation, Evidence, gather
 from campaigns.identification.findings import HOLD_OUT, Finding
-from campaigns.journal.records import SeriesStarted
 from campaigns.next_step import next_step, state_of
 from campaigns.planning.plan_file import write_plan
 from campaigns.settings.sections import AcceptanceConfig, KnownLengthConfig
@@ -29,12 +28,12 @@ def broken(evidence: Evidence) -> list[str]:
     return [check.statement for check in broken_checks(evidence)]
 
 
-def restarted(evidence: Evidence, **changes: object) -> Evidence:
-    """With another beginning of the series after calibration."""
-    (measured,) = evidence.after
-    series = measured.series
-    started: SeriesStarted = replace(series.started, **changes)
-    return replace(evidence, after=(replace(measured, series=replace(series, started=started)),))
+def restarted(evidence: Evidence, stage: str, **changes: object) -> Evidence:
+    """With another beginning of the series before or after calibration."""
+    (measured,) = getattr(evidence, stage)
+    started = replace(measured.series.started, **changes)
+    series = replace(measured.series, started=started)
+    return replace(evidence, **{stage: (replace(measured, series=series),)})
 
 
 def test_a_whole_campaign_holds_together_and_an_empty_one_compares_nothing(evidence, tmp_path):
@@ -58,18 +57,16 @@ def test_each_file_of_another_campaign_is_found_and_only_that(evidence, tmp_path
         "the journal": replace(evidence, identification=other_journal),
         "the parameter file": replace(evidence, parameter_file=NOMINAL.robot),
         "what was loaded last": replace(evidence, loaded=rolled_back),
-        "the controller held the identified set": restarted(evidence, robot_file_digest=nominal),
+        "the controller held the identified set": restarted(
+            evidence, "after", robot_file_digest=nominal
+        ),
     }.items():
         (found,) = broken(exchanged)
         assert found.startswith(statement)
 
 
 def test_a_before_with_other_parameters_is_told_and_decides_nothing(evidence):
-    (measured,) = evidence.before
-    started = replace(measured.series.started, robot_file_digest="0" * 64)
-    series = replace(measured.series, started=started)
-    before = (replace(measured, series=series),)
-    (found,) = broken_checks(replace(evidence, before=before))
+    (found,) = broken_checks(restarted(evidence, "before", robot_file_digest="0" * 64))
     assert "neither nominal nor identified" in found.detail
     assert not found.decides
 
@@ -78,7 +75,8 @@ def test_limits_set_after_the_validation_are_judged_and_said_with_their_time(evi
     limits = AcceptanceConfig(distance_mean_mm=5.0)
     now = reconfigured(evidence, acceptance=limits)
     for then, is_said in ((limits, False), (AcceptanceConfig(), True)):
-        started = restarted(now, configuration={"acceptance": then.model_dump(mode="json")})
+        settings = {"acceptance": then.model_dump(mode="json")}
+        started = restarted(now, "after", configuration=settings)
         verdict = Evaluation(started).verdict
         assert verdict.decision == "pass"
         assert any("Limits set after" in reason for reason in verdict.reasons) == is_said
@@ -109,9 +107,8 @@ def test_a_space_or_a_known_length_of_another_day_leaves_the_verdict_open(eviden
         assert found.detail == f"{next(iter(changes))} changed since"
         assert Evaluation(changed).verdict.decision == "not decided"
         assert next_step(state_of(Evaluation(changed))).text.startswith("pkmcal identify")
-        # older software recorded no settings
-        older = replace(changed, identification=evidence.identification)
-        assert broken(older) == []
+        without_settings = replace(changed, identification=evidence.identification)
+        assert broken(without_settings) == []
 
 
 def test_a_pass_by_limits_that_are_gone_is_none(evidence):

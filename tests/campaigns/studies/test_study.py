@@ -20,7 +20,7 @@ from drivers.values import Pose
 
 pytestmark = pytest.mark.slow
 
-COUNT = 24
+COUNT = 16
 
 
 @pytest.fixture(scope="module")
@@ -73,14 +73,6 @@ def test_an_instrument_of_ones_own_measures_in_the_trackers_place(setup, outcome
     noisy = replace(setup, noise=lambda points_mm, rng: rng.normal(0.0, 0.1, points_mm.shape))
     loud = np.mean([row.estimate.position_mm for row in simulate_campaigns(noisy, range(2))])
     assert loud > 2.0 * np.mean([row.estimate.position_mm for row in outcomes[:2]])
-
-
-def test_held_parameters_are_neither_drawn_nor_fitted_and_their_errors_not_counted(setup):
-    held = replace(setup, options=replace(setup.options, fix=("rods", "bars", "sag")))
-    names = held.model().parameters
-    assert not [name for name in names if "skew" in name or "bar_turn" in name]
-    (row,) = simulate_campaigns(held, [0])
-    assert len(row.estimate.errors) == len(names)
 
 
 def test_campaign_that_cannot_be_measured_is_an_outcome(setup):
