@@ -19,12 +19,3 @@ def test_nothing_is_larger_than_its_ceiling(name):
         f"elsewhere, or give a reason and raise `{name}` under [tool.pkmcal.size] in "
         "pyproject.toml. What became smaller lowers its ceiling: python -m benchmarks.size --lower"
     )
-
-
-def test_lowering_brings_down_only_what_is_higher(tmp_path, monkeypatch):
-    file = tmp_path / "pyproject.toml"
-    lines = [f"{name} = {count + 7 * (name != 'classes')}" for name, count in SIZES.items()]
-    file.write_text("\n".join(["[tool.pkmcal.size]", *lines]), encoding="utf-8")
-    monkeypatch.setattr(size, "CEILINGS", file)
-    size.lower(SIZES)
-    assert size.ceilings() == SIZES

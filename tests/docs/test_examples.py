@@ -11,7 +11,6 @@ from pages import ROOT, blocks
 from scipy.optimize import brentq, fsolve
 from scipy.spatial.transform import Rotation
 
-from campaigns.errors import TargetsInvalid
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.robots.robot import RobotFile, find_robot, read_robot
 from pkmcal import sample_workspace
@@ -116,26 +115,19 @@ def test_corrected_gcode_leads_along_the_wanted_line_and_keeps_the_rest(gcode):
 
 
 @pytest.mark.parametrize(
-    ("line", "says"),
+    ("program", "says"),
     [
-        ("G2 X10 I5", "line 5: G2 is not followed"),
-        ("#1 = 5", "line 5: '#1 = 5' is no word"),
-        ("G1 X1 X2", "line 5: X2 is not followed"),
-        ("G1 X1 M2", "line 5: M2 beside a move"),
+        (GCODE.replace("M2", "G2 X10 I5"), "line 5: G2 is not followed"),
+        (GCODE.replace("M2", "#1 = 5"), "line 5: '#1 = 5' is no word"),
+        (GCODE.replace("M2", "G1 X1 M2"), "line 5: M2 beside a move"),
+        ("G1 X0 F100\n", "line 1: the first move has no Y"),
+        ("G1 X2000 Y0 Z-575 C0 F100\n", "out of reach"),
     ],
 )
-def test_gcode_that_is_not_understood_is_refused_by_its_line(gcode, line, says):
+def test_gcode_that_cannot_be_followed_is_refused(gcode, program, says):
     correct, _ = gcode
     with pytest.raises(Exception, match=re.escape(says)):
-        correct(GCODE.replace("M2\n", f"{line}\n"))
-
-
-def test_gcode_without_a_known_start_or_out_of_reach_is_refused(gcode):
-    correct, _ = gcode
-    with pytest.raises(Exception, match=r"line 1: the first move has no Y"):
-        correct("G1 X0 F100\n")
-    with pytest.raises(TargetsInvalid, match="out of reach"):
-        correct("G1 X2000 Y0 Z-575 C0 F100\n")
+        correct(program)
 
 
 def test_loops_over_corrected_poses_write_each_in_three_languages(tmp_path, monkeypatch, capsys):

@@ -13,7 +13,7 @@ from command_line import change
 from robotline_layouts import PAR4_LAYOUT, PAR4_LINES
 
 from drivers.wire import pointline, robotline
-from drivers.wire.lines import Hello, Nothing, Question
+from drivers.wire.lines import Nothing, Question
 
 ROOT = Path(__file__).parents[2]
 SERVERS = ROOT / "examples/servers"
@@ -61,18 +61,6 @@ def asked(session, grammar, verb, *body):
     """The session's answer to a question, read by our grammar."""
     line = session.answer(grammar.encode_question(Question(7, verb, *body))[:-1])
     return grammar.decode_answer(line[:-1])
-
-
-@pytest.mark.parametrize(
-    "question",
-    [
-        *[(verb,) for verb, (body, _) in pointline.VERBS.items() if body is Nothing],
-        ("HELLO", Hello(1)),
-        ("FIND", pointline.Find(2500.0)),
-    ],
-)
-def test_instrument_to_copy_speaks_the_grammar(instrument, question):
-    assert asked(instrument, pointline.GRAMMAR, *question).verb == question[0]
 
 
 def test_instrument_to_copy_whose_robot_is_silent_says_so(instrument):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import SMALL_TESTS, change
-from family_cases import MEMBERS
+from family_cases import MEMBERS, of_members
 
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
@@ -22,7 +22,6 @@ FAST = {
     "controller.computes_transmission": True,
 }
 
-WITH_HALVES = [each for each in MEMBERS if len(each.mechanism.task) > 3]
 all_members = pytest.mark.parametrize("member", MEMBERS, ids=lambda each: each.name)
 
 
@@ -40,7 +39,7 @@ def new(pkmcal, tmp_path):
     return make
 
 
-@pytest.mark.parametrize("member", WITH_HALVES, ids=lambda each: each.name)
+@of_members("i4r")
 def test_a_reflector_on_half_2_is_said_in_the_robot_file(pkmcal, new, member):
     """Parameters are as true as from half 1, and poses that hold its point do hold it."""
     folder = new(member)
@@ -117,7 +116,7 @@ def assert_report(path, has_turn):
     assert ("while θ turns" in page or "only θ" in page) == has_turn
 
 
-@all_members
+@of_members("i4l", "linear-delta")
 def test_the_fewest_best_shots_are_planned_and_a_study_finds_its_drawn_robots(pkmcal, new, member):
     folder = new(member)
     words = ("--placement", "optimal", "--shots", "24", "--json")

@@ -13,7 +13,7 @@ from campaigns.shots.shots_csv import write_shots
 from sim.scenarios.adaptation import computing_all
 from sim.scenarios.scenario import load_scenario
 
-ROBOTS = ("par4-prototype", "h4", "i4r", "i4l", "delta", "linear-delta")
+ROBOTS = ("par4-prototype", "i4l", "delta", "linear-delta")
 SCENARIOS = ("drawn-robots", "realistic", "gears")
 """Noise alone on a robot that 22 parameters explain; much that they cannot; ripples, too."""
 WAYS = ("full", "plain", "targets", "imported")
@@ -135,6 +135,11 @@ def arrives(pkmcal, robot, scenario, way, tmp_path, record_property, plan=SMALL)
 
 def test_who_follows_the_hints_arrives(pkmcal, tmp_path, record_property):
     arrives(pkmcal, "delta", "drawn-robots", "full", tmp_path, record_property, QUICK)
+    page = (tmp_path / "robot" / "report.html").read_text(encoding="utf-8")
+    page = re.sub(r"<style.*?</style>", "", page, flags=re.DOTALL)
+    assert "arm1.forearm_mm" in page
+    for of_another in ("θ", "theta", "Par4", "par4", "arm3", "plate_mm"):
+        assert of_another not in page, of_another
 
 
 @pytest.mark.long

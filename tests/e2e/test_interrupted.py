@@ -7,7 +7,6 @@ import re
 import select
 import signal
 import socket
-import termios
 import time
 from collections import Counter
 
@@ -23,7 +22,6 @@ SLOW = {"speed_up": 30}
 FAST = {"speed_up": 1000}
 WATCHED = {"speed_up": 8}
 """So slow that a picture drawn four times a second, late on a busy machine, shows every state."""
-FEW_SHOTS = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
 AT_WORK_SHOTS = 4
 DEVICES = "50 % speed, controller SIM-C-0001, tracker 390001"
 RESUMED = re.compile(rf"series 1 has (\d+) of 33 shots, (\d+) are left, about .*, {DEVICES}")
@@ -135,33 +133,15 @@ class Screen:
             if select.select([self._end], [], [], left)[0]:
                 self._written += os.read(self._end, 65536).decode(errors="replace")
 
-    def resize(self, lines, columns):
-        """As a window's edge that is drawn; whoever is in the foreground gets the signal."""
-        termios.tcsetwinsize(self._end, (lines, columns))
-        self._written = ""
-
-    @property
-    def widths(self):
-        """Lengths of the lines of the last whole picture."""
-        *_, picture, _ = self._written.split("\x1b[H")
-        return [len(line) for line in ESCAPES.sub("", picture).splitlines()]
-
     def type(self, text):
         self._written = ""
         os.write(self._end, text.encode())
 
 
 @contextlib.contextmanager
-def on_a_screen(*arguments, typed=b"", in_foreground=False, size=None):
-    """A program on a terminal of its own, and the operator's end of it.
-
-    `size` are lines and columns that the terminal says itself.
-    """
+def on_a_screen(*arguments, typed=b"", in_foreground=False):
+    """A program on a terminal of its own, and the operator's end of it."""
     operator_end, program_end = pty.openpty()
-    said = {"COLUMNS": "100", "LINES": "30"}
-    if size:
-        termios.tcsetwinsize(operator_end, size)
-        said = dict.fromkeys(said, "")  # a worker of the tests has its own terminal's
     os.write(operator_end, typed)
     # in the foreground its keys are heard; else its group is its own, for nobody could continue it
     group = {"preexec_fn": lambda: os.login_tty(0)} if in_foreground else {"process_group": 0}
@@ -169,7 +149,7 @@ def on_a_screen(*arguments, typed=b"", in_foreground=False, size=None):
         *arguments,
         stdin=program_end,
         stderr=program_end,
-        env={**os.environ, "TERM": "xterm", **said},
+        env={**os.environ, "TERM": "xterm", "COLUMNS": "100", "LINES": "30"},
         **group,
     )
     os.close(program_end)
@@ -209,55 +189,6 @@ def test_keys_pause_measure_again_park_and_stop(planned):
         endings = [e.record.how for e in journal.records_of(SessionStopped)]
     assert endings == ["interrupted", "interrupted"], "told to go on once"
     assert [text.split()[0] for text in notes] == ["paused", "the", "measuring", "parked"]
-
-
-@pytest.mark.long
-def test_a_question_while_the_screen_is_on_is_answered_and_keys_are_heard_again(
-    pkmcal, tiny, tmp_path
-):
-    nest = {"name": "A", "place_mm": [900.0, 800.0, -900.0]}
-    change(tiny / "cell.yaml", SLOW | {"tracker.nests": [nest]})
-    folder = tmp_path / "with a nest"
-    assert pkmcal("new", folder, "--scenario", tiny / "cell.yaml").code == 0
-    change(folder / "campaign.yaml", FEW_SHOTS | {"nests.0.occupied": False})
-    assert pkmcal("plan", folder).code == 0
-    with on_a_screen("run", folder, "--yes", in_foreground=True) as (screen, process):
-        for what in ("put the reflector into nest A", "put the reflector back onto the robot"):
-            screen.read_until(f"{what} and stand clear. Done? [y/N]")
-            screen.type("y\n")
-        screen.read_until("residual")
-        screen.type("q")
-        screen.read_until("Go on where it was? [y/N]")
-        screen.type("y\n")
-        screen.read_until("put the reflector into nest A and stand clear. Done? [y/N]")
-        process.send_signal(signal.SIGINT)
-        screen.read_until("Go on where it was? [y/N]")
-        screen.type("n\n")
-        screen.read_until("to resume it")
-        assert process.wait(PATIENCE_S) == 130
-
-
-@pytest.mark.long
-def test_a_screen_that_is_resized_is_drawn_anew_and_s_skips_a_shot(planned):
-    change(planned / "cell.yaml", WATCHED)
-    wide, narrow = (24, 80), (20, 50)
-    with on_a_screen("run", planned, "--yes", in_foreground=True, size=wide) as (screen, _):
-        screen.read_until("residual")
-        for _ in range(20):  # a shot that is being measured already is not skipped any more
-            screen.type("s")
-            screen.read_for(0.05)
-        screen.read_for(0.9)
-        assert 50 < max(screen.widths) <= 80
-        screen.resize(*narrow)
-        screen.read_for(1.5)
-        give_up = time.monotonic() + PATIENCE_S
-        while max(screen.widths) > 50 and time.monotonic() < give_up:
-            screen.read_for(0.5)
-        assert 20 < max(screen.widths) <= 50
-        assert len(screen.widths) <= 20
-    with read_journal(planned / "campaign.db") as journal:
-        notes = [e.record.text for e in journal.records_of(Event)]
-    assert any("skipped: by the operator" in text for text in notes)
 
 
 @pytest.mark.long
@@ -307,17 +238,20 @@ def loads(folder):
     return [kind for kind in kinds if kind.startswith("load")]
 
 
-@pytest.mark.long
-def test_after_ctrl_z_a_load_is_suspended_and_verified_once_the_operator_says_so(
-    screen_and_load, exported
-):
-    screen, process = screen_and_load
+def suspended_and_asked(screen, process):
+    """Suspend the load by Ctrl-Z, and continue it as far as the question."""
     process.send_signal(signal.SIGTSTP)
     screen.read_until("the robot stands still")
     wait_until(lambda: is_suspended(process), process)
-    assert loads(exported) == ["load begun"]
     process.send_signal(signal.SIGCONT)
     screen.read_until("Go on where it was? [y/N]")
+
+
+@pytest.mark.long
+def test_a_suspended_load_is_verified_once_the_operator_says_so(screen_and_load, exported):
+    screen, process = screen_and_load
+    suspended_and_asked(screen, process)
+    assert loads(exported) == ["load begun"]
     screen.type("y\n")
     screen.read_until("6 of 6 shots")  # not each is drawn
     out, _ = process.communicate(timeout=PATIENCE_S)
@@ -332,13 +266,9 @@ def test_after_ctrl_z_a_load_is_suspended_and_verified_once_the_operator_says_so
 
 @pytest.mark.long
 @pytest.mark.parametrize("answer", [signal.SIGINT, signal.SIGHUP])
-def test_suspended_load_that_does_not_go_on_is_taken_back(screen_and_load, exported, answer):
+def test_a_suspended_load_that_does_not_go_on_is_taken_back(screen_and_load, exported, answer):
     screen, process = screen_and_load
-    process.send_signal(signal.SIGTSTP)
-    screen.read_until("the robot stands still")
-    wait_until(lambda: is_suspended(process), process)
-    process.send_signal(signal.SIGCONT)
-    screen.read_until("Go on where it was? [y/N]")
+    suspended_and_asked(screen, process)
     wait_until(lambda: is_waiting(process), process)
     process.send_signal(answer)
     screen.read_until("rolled back")
@@ -346,23 +276,15 @@ def test_suspended_load_that_does_not_go_on_is_taken_back(screen_and_load, expor
     assert loads(exported) == ["load begun", "load failed"]
 
 
-@pytest.mark.parametrize(
-    ("command", "options", "number"),
-    [
-        pytest.param("devices", (), signal.SIGTERM, marks=pytest.mark.long),
-        ("load", ("--yes",), signal.SIGINT),
-    ],
-)
-def test_a_command_that_moves_nothing_says_that_it_was_interrupted(
-    exported, command, options, number
-):
+@pytest.mark.long
+def test_a_load_that_hears_nothing_says_that_it_was_interrupted(exported):
     with socket.create_server(("127.0.0.1", 0)) as silent:
         url = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-        change(exported / "campaign.yaml", {"controller.url": url, "tracker.url": url})
-        process = started(command, exported, *options)
+        change(exported / "campaign.yaml", {"controller.url": url})
+        process = started("load", exported, "--yes")
         connection, _ = silent.accept()
         with connection:
-            process.send_signal(number)
+            process.send_signal(signal.SIGINT)
             done = ended(process)
     assert done.code == 130
     assert done.error_line == "interrupted → start the command again when ready"

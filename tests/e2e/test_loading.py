@@ -2,7 +2,6 @@
 
 import signal
 
-import pytest
 from command_line import Keyboard
 
 import campaigns.workflow.loading
@@ -49,10 +48,9 @@ def test_ctrl_c_while_loading_waits_until_it_is_verified(pkmcal, exported, monke
     assert "holds these already" in pkmcal("load", exported, "--yes").out
 
 
-@pytest.mark.parametrize("words", [(), ("--verify", "2")])
-def test_the_question_names_the_controller_that_is_written_to(pkmcal, exported, monkeypatch, words):
+def test_the_question_names_the_controller_that_is_written_to(pkmcal, exported, monkeypatch):
     monkeypatch.setattr("sys.stdin", Keyboard("n\n"))
-    refused = pkmcal("load", exported, *words)
+    refused = pkmcal("load", exported, "--verify", "2")
     assert refused.code == 2
     assert "these parameters into controller SIM-C-0001" in refused.err
     assert "not confirmed, nothing was done" in refused.err

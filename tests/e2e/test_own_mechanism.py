@@ -72,8 +72,3 @@ def test_a_file_that_gives_no_mechanism_is_refused(pkmcal, file, tmp_path, word,
     ended = pkmcal("new", tmp_path / "campaign", "--robot", file.parent / word, "--offline")
     assert ended.code == 2
     assert reason in ended.error_line
-    robot = file.parent / "robot.yaml"
-    shipped = find_robot("h4").document.text
-    robot.write_text(shipped.replace("mechanism: h4", f"mechanism: {word}"), encoding="utf-8")
-    ended = pkmcal("new", tmp_path / "campaign", "--robot", robot, "--offline")
-    assert (ended.code, reason in ended.error_line) == (2, True)

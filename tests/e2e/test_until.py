@@ -3,10 +3,11 @@
 import pytest
 
 from campaigns.journal.journal import read_journal
+from campaigns.planning import optimal_plan
 from campaigns.shots.shot_sets import ShotSet
 
-GOAL_MM = 0.05
-SHOTS, TO_IDENTIFY = 59, 48
+GOAL_MM = 0.07
+SHOTS, TO_IDENTIFY = 47, 36
 
 
 @pytest.fixture
@@ -57,18 +58,13 @@ def test_what_no_run_can_do_is_refused_before_anything_moves(pkmcal, planned):
     assert not (planned / "campaign.db").exists()
 
 
-def test_dry_says_what_the_plan_would_give(pkmcal, planned):
-    document = pkmcal("run", planned, "--dry", "--until", 0.1, "--json").document
-    assert document["shots"] == 33
-    assert document["knowledge"]["shots"] == 24 > document["goal"]["shots"]
-    assert not (planned / "campaign.db").exists()
-
-
-def test_run_foresees_for_a_goal_what_the_plan_was_made_for(pkmcal, planned):
+def test_run_foresees_for_a_goal_what_the_plan_was_made_for(pkmcal, planned, monkeypatch):
+    monkeypatch.setattr(optimal_plan, "CANDIDATES", 400)  # choosing among all takes seconds
     words = ("--until", "0.06", "--json")
-    made = pkmcal("plan", planned, *words).document
+    made = pkmcal("plan", planned, *words, "--shots", 80).document
     dry = pkmcal("run", planned, "--dry", *words)
     assert dry.code == 0, dry.err
     assert made["shots"] - 4 <= dry.document["goal"]["shots"] <= made["shots"]
+    assert not (planned / "campaign.db").exists()
     foreseen_mm = dry.document["knowledge"]["position_std_mm"]
     assert foreseen_mm == pytest.approx(made["position_std_mm"]["mean"], rel=0.01)

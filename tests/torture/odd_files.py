@@ -4,7 +4,6 @@ An `Oddity` puts something in a file's place. Those that are drawn change the fi
 others are the same for every file of a kind.
 """
 
-import json
 import os
 import random
 import socket
@@ -23,25 +22,19 @@ class Oddity(NamedTuple):
 
 
 TOKENS: Sequence[bytes] = (
-    *(b"\x00", b"\xff", b"\xef\xbb\xbf", b"\xed\xa0\x80", b"\x1b[2J\x1b[31m", b"\x07", b"\x7f"),
+    *(b"\x00", b"\xff", b"\xef\xbb\xbf", b"\xed\xa0\x80", b"\x1b[2J\x1b[31m", b"\x07"),
     *("\u202e\u2066".encode(), "\u2028".encode(), "\x85".encode(), "٣".encode(), "−1".encode()),
-    *(b"&a ", b"*a", b"<<: *a", b"!!python/object:os.system ", b"!!binary ", b"!!set ", b"!x "),
-    *(b"? ", b"- ", b"[", b"]", b"{", b"}", b"|", b">", b"%YAML 9.9", b"---", b"...", b"#", b"\t"),
-    *(b"'", b'"', b'""', b"\\", b":", b": ", b",", b";", b"\n", b"\r", b"\r\n", b"=1+1", b"@x"),
-    *(b".nan", b".inf", b"-.inf", b"nan", b"inf", b"1e400", b"-1e400", b"1e-400", b"1_000", b"0x1"),
-    *(b"9" * 30, b"9" * 5000, b"-" + b"9" * 400, b"0o7", b"010", b"1:30", b"2026-01-01", b"yes"),
-    *(b"null", b"~", b"true", b"1,5", b"1.5.2", b"+-1", b"0", b"-0.0", b"5e-324", b"1e308"),
-    *(b"sim://" + b"x" * 3000, b"sim://a\x00b", b"sim://../../etc", b"serial:///dev/null?baud=x"),
-    *(b"x" * 200, b" " * 2000, b"A" * (64 * KIB)),
+    *(b"*a", b"<<: *a", b"!!python/object:os.system ", b"? ", b"- ", b"[", b"}", b"|", b"---"),
+    *(b"#", b"\t", b"'", b'"', b"\\", b": ", b",", b";", b"\n", b"\r", b"=1+1", b"null", b"yes"),
+    *(b".nan", b"-.inf", b"1e400", b"1e-400", b"1_000", b"0x1", b"010", b"1:30", b"2026-01-01"),
+    *(b"9" * 5000, b"-" + b"9" * 400, b"1,5", b"+-1", b"0", b"-0.0", b"5e-324", b"1e308"),
+    *(b"sim://" + b"x" * 3000, b"sim://../../etc", b"serial:///dev/null?baud=x"),
+    *(b" " * 2000, b"A" * (64 * KIB)),
 )
 EDITORS: Sequence[Callable[[bytes], bytes]] = (
     lambda data: data.decode(errors="replace").encode("utf-16"),
-    lambda data: data.decode(errors="replace").encode("utf-32"),
     lambda data: data.decode(errors="replace").encode("latin-1", errors="replace"),
-    lambda data: b"\xef\xbb\xbf" + data,
-    lambda data: data.replace(b"\n", b"\r\n"),
     lambda data: data.replace(b"\n", b"\r"),
-    lambda data: data.replace(b"\n", b" "),
     lambda data: data.replace(b" ", b"\t"),
     lambda data: data.replace(b".", b","),
     lambda data: data.replace(b",", b";"),
@@ -59,16 +52,14 @@ def drawn(data: bytes, others: Sequence[bytes], rng: random.Random) -> Oddity:
     return _of_bytes("+".join(names), data)
 
 
-CHANGES = ("flip", "insert", "insert", "replace", "replace", "cut", "lose", "repeat", "lines")
-CHANGES += ("splice", "noise", "save")
+CHANGES = ("insert", "insert", "replace", "replace", "cut", "repeat", "lines", "splice", "noise")
+CHANGES += ("save",)
 
 
 def _changed(name: str, data: bytes, others: Sequence[bytes], rng: random.Random) -> bytes:
     first = rng.randrange(len(data) + 1)
     last = min(len(data), first + rng.choice((1, 2, 5, 20, 200)))
     match name:
-        case "flip":
-            return data[:first] + bytes(rng.randrange(256) for _ in data[first:last]) + data[last:]
         case "insert":
             return data[:first] + rng.choice(TOKENS) + data[first:]
         case "replace":  # what stands after a colon or comma
@@ -78,8 +69,6 @@ def _changed(name: str, data: bytes, others: Sequence[bytes], rng: random.Random
             return data[:start] + b" " + rng.choice(TOKENS) + data[end:]
         case "cut":
             return data[:first]
-        case "lose":
-            return data[:first] + data[last:]
         case "repeat":
             return data[:last] + data[first:last] * rng.choice((1, 3, 50)) + data[last:]
         case "lines":  # some lost, some doubled, all in another order
@@ -88,8 +77,8 @@ def _changed(name: str, data: bytes, others: Sequence[bytes], rng: random.Random
         case "splice":
             other = rng.choice(others)
             return data[:first] + other[rng.randrange(len(other) + 1) :]
-        case "noise":
-            return data[:first] + rng.randbytes(rng.choice((1, 16, 1000))) + data[first:]
+        case "noise":  # instead of some bytes
+            return data[:first] + rng.randbytes(rng.choice((1, 16, 1000))) + data[last:]
         case _:
             return rng.choice(EDITORS)(data)
 
@@ -124,7 +113,6 @@ def no_files() -> tuple[Oddity, ...]:
                 "0.9 MB of blanks": lambda: b" " * 900_000,
                 "19 MB of lines": lambda: b"\n" * 19_000_000,
                 "0.9 MB of NUL": lambda: b"\x00" * 900_000,
-                "UTF-16": lambda: "schema: x\n".encode("utf-16"),
             }
         ),
     )
@@ -149,15 +137,12 @@ def of_yaml(data: bytes) -> tuple[Oddity, ...]:
     )
     keys = [line.split(b":")[0] for line in data.splitlines()[1:] if b":" in line]
     values = {
-        "a text of 0.9 MB": b"k" * 900_000,
         "a quoted text of 0.9 MB": b'"' + b"\\u202e" * 150_000 + b'"',
         "a number of 0.9 MB": b"9" * 900_000,
         "an exponent of 4000 digits": b"1e" + b"9" * 4000,
         "a base-60 number": b"9:" * 3000 + b"59",
-        "a binary": b"!!binary aGFsbG8=",
         "a tag of Python": b"!!python/object/apply:os.system ['true']",
         "a wrong timestamp": b"!!timestamp x",
-        "a set": b"!!set {a, b}",
         "controls in a name": b'"\\e[2J\\u202E\\a\\0\\u2028\\x85"',
         "a surrogate": b'"\\ud800"',
     }
@@ -170,20 +155,15 @@ def of_yaml(data: bytes) -> tuple[Oddity, ...]:
             "ten levels of aliases": lambda: head + lol,
             "a list within itself": lambda: head + b"a: &a [*a]\n",
             "a merge key": lambda: head + b"x: &x {a: 1}\n<<: *x\n",
-            "an anchor": lambda: data.replace(b": ", b": &anchor ", 1),
             "nested 100000 deep": lambda: head + b"a: " + b"[" * 100_000,
-            "nested 5000 blocks": lambda: head + b"\n".join(b" " * n + b"a:" for n in range(1000)),
             "100000 dashes": lambda: head + b"a: " + b"\n  " + b"- " * 100_000,
             "70000 keys": lambda: head + b"".join(b"k%d: 1\n" % n for n in range(70_000)),
-            "a list of 300000": lambda: head + b"a: [" + b"1," * 300_000 + b"]\n",
             "a list of 200000 lines": lambda: head + b"a:\n" + b"- 1\n" * 200_000,
             "200000 comments": lambda: data + b"# x\n" * 200_000,
-            "schema of 5000 digits": lambda: b"schema: " + b"9" * 5000 + b"\n",
             "schema with 5000 digits": lambda: b"schema: pkmcal/robot/" + b"9" * 5000 + b"\n",
             "schema a list": lambda: b"schema: [1, 2]\n",
             "keys of every kind": lambda: head + b"1: 1\n1.5: 1\ntrue: 1\nnull: 1\n? [1]\n: 2\n",
             "a key of 0.9 MB": lambda: head + b"k" * 900_000 + b": 1\n",
-            "a directive twice": lambda: b"%YAML 1.2\n%YAML 1.2\n---\n" + data,
             "a wrong version": lambda: b"%YAML 9999999999999999999999.1\n---\n" + data,
             "two documents": lambda: data + b"\n---\n" + data,
             "every key twice": lambda: data + b"\n" + data,
@@ -198,11 +178,9 @@ def of_csv(data: bytes) -> tuple[Oddity, ...]:
     row = rest.split(b"\n")[0]
     many, columns = row + b"\n", header.count(b",") + 1
     cells = {
-        "exponents": b"1e400",
         "not numbers": b"nan",
         "huge numbers": b"1e300",
         "huge whole numbers": b"9" * 17,
-        "zeros": b"0",
         "controls": "\x1b[2J\u202e\x07".encode(),
         "nothing": b"",
     }
@@ -225,27 +203,9 @@ def of_csv(data: bytes) -> tuple[Oddity, ...]:
             "a million commas": lambda: header + b"\n" + b"," * 1_000_000,
             "a header of a million columns": lambda: b"x," * 1_000_000 + b"\n" + row,
             "500000 short lines": lambda: header + b"\n" + b"1\n" * 500_000,
-            "rows without a header": lambda: rest,
             "every column twice": lambda: header + b"," + header + b"\n" + row + b"," + row,
         }
     )
-
-
-def of_json(data: bytes) -> tuple[Oddity, ...]:
-    """What a JSON file can be made of beside what it should hold, `data`."""
-    document = json.loads(data)
-    texts = {
-        "nested 100000 deep": b"[" * 100_000,
-        "nested objects": b'{"a":' * 50_000,
-        "a number of 5000 digits": b'{"seed": ' + b"9" * 5000 + b"}",
-        "NaN": b'{"seed": NaN, "worked_s": Infinity}',
-        "a surrogate": b'{"scenario": "\\ud800\\u202e"}',
-        "a list of 5 MB": b"[" + b"1," * 2_500_000 + b"1]",
-    }
-    for key in document:
-        for word, value in (("null", None), ("a huge number", 1e300), ("a text", "\x1b" * 50)):
-            texts[f"{key} is {word}"] = json.dumps({**document, key: value}).encode()
-    return tuple(_of_bytes(name, text) for name, text in texts.items())
 
 
 def of_journal(data: bytes) -> tuple[Oddity, ...]:

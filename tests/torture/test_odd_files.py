@@ -18,7 +18,7 @@ from importlib import import_module
 from typing import NamedTuple
 
 import pytest
-from odd_files import ODD_NAMES, Oddity, drawn, no_files, of_csv, of_journal, of_json, of_yaml
+from odd_files import ODD_NAMES, Oddity, drawn, no_files, of_csv, of_journal, of_yaml
 
 from app.exits import Exit
 from app.main import COMMANDS, run_command
@@ -61,7 +61,6 @@ READS = (
     Read("robot.yaml", MAKES, of_yaml, ("plan.csv",)),
     Read("robot-compensated.yaml", LOADS, of_yaml, ("campaign.db", "cell-memory.json")),
     Read("cell.yaml", ("devices {dir}", "new {new} --scenario {dir}/cell.yaml"), of_yaml),
-    Read("cell-memory.json", ("devices {dir}",), of_json),
     Read("plan.csv", ("run {dir} --dry",), of_csv),
     Read("shots.csv", (SHOTS,), of_csv),
     Read("points.txt", (IMPORT.format("{dir}/joints.csv"),), of_csv, ("joints.csv",)),

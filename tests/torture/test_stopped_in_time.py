@@ -148,7 +148,6 @@ def one_try(wires, folder, until, number, rng):
         pytest.param(Stage.moving, signal.SIGQUIT, marks=pytest.mark.long),
         pytest.param(Stage.measuring, signal.SIGTERM, marks=pytest.mark.long),
         (Stage.with_frozen_controller, signal.SIGINT),
-        pytest.param(Stage.with_slow_controller, signal.SIGHUP, marks=pytest.mark.long),
     ],
 )
 def test_stop_is_on_the_wire_at_once_and_confirmed(wires, planned, until, number):
@@ -183,16 +182,6 @@ def test_ctrl_z_is_on_the_wire_at_once_and_suspends_only_after_the_stop(stage):
     assert ended(stage.process, PATIENCE_S).code == 130
 
 
-def assert_says_first_what_to_do(unknown):
-    assert unknown.code == 3
-    assert unknown.error_line.startswith("PRESS THE EMERGENCY STOP: robot state unknown: ")
-    lines = unknown.err.splitlines()
-    alarm = "PRESS THE EMERGENCY STOP unless you see the robot stand"
-    assert alarm in unknown.err.partition("\nPRESS THE EMERGENCY STOP\n")[0], "while it is tried"
-    before = lines[: lines.index("PRESS THE EMERGENCY STOP")]
-    assert not [line for line in before if line.startswith("run: ")], "nothing of how it ended"
-
-
 def test_a_stop_that_nobody_confirms_says_first_what_to_do(wires, planned, pkmcal, monkeypatch):
     controller, _ = wires
     soon = RobotlineDeadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=1.0)
@@ -208,12 +197,10 @@ def test_a_stop_that_nobody_confirms_says_first_what_to_do(wires, planned, pkmca
     stopper.start()
     unknown = pkmcal("run", planned, "--yes")
     stopper.join()
-    assert_says_first_what_to_do(unknown)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGTSTP])
-def test_a_process_whose_stop_nobody_confirms_says_first_what_to_do(stage, number):
-    stage.with_frozen_controller(random.Random(1))
-    stage.stopped_by(number)
-    assert_says_first_what_to_do(ended(stage.process, PATIENCE_S))
+    assert unknown.code == 3
+    assert unknown.error_line.startswith("PRESS THE EMERGENCY STOP: robot state unknown: ")
+    lines = unknown.err.splitlines()
+    alarm = "PRESS THE EMERGENCY STOP unless you see the robot stand"
+    assert alarm in unknown.err.partition("\nPRESS THE EMERGENCY STOP\n")[0], "while it is tried"
+    before = lines[: lines.index("PRESS THE EMERGENCY STOP")]
+    assert not [line for line in before if line.startswith("run: ")], "nothing of how it ended"

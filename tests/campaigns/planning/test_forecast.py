@@ -108,15 +108,6 @@ def test_more_shots_a_nearer_and_a_better_tracker_make_more_known(plan) -> None:
     assert whole < 0.9 * min(far, mean_mm(foreseen(plan, instrument=rough)))
 
 
-def test_what_is_held_counts_as_known(plan) -> None:
-    held = frozenset(name for name in MODEL.names if "forearm" in name)
-    model = ErrorModel(NOMINAL, held=held)
-    judged = judged_positions(model, OPEN, np.zeros((0, 4)))
-    found = forecast(plan, model, TRACKER_MM, INSTRUMENT, judged)
-    assert mean_mm(found) < mean_mm(foreseen(plan))
-    assert not held & set(found.std)
-
-
 def test_a_robot_that_takes_too_few_of_its_poses_is_refused(plan) -> None:
     p = NOMINAL.p.copy()
     p[NOMINAL.mechanism.parameters.columns["forearm"]] -= 400.0

@@ -1,6 +1,7 @@
 """plan.csv: what is written is read again; what somebody broke is answered with its line."""
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -54,19 +55,13 @@ def test_columns_of_older_plans_are_read_past():
     assert read(older) == read(PLAN)
 
 
-def test_written_file_begins_with_the_agreed_header(tmp_path):
-    path = tmp_path / "plan.csv"
-    plan_file.write_plan(path, read(PLAN), PAR4)
-    assert path.read_text().startswith(HEADER)
-    assert plan_file.read_plan(path, PAR4) == read(PLAN)
-
-
 def test_older_plans_are_kept_and_the_last_one_stays_if_a_new_one_cannot_be_written(
     tmp_path, monkeypatch
 ):
     path, plan = tmp_path / "plan.csv", read(PLAN)
     for shots in (plan, plan[:3], plan[:1]):
         plan_file.write_beside_older(path, shots, PAR4)
+    assert path.read_text().startswith(HEADER)
     older = [tmp_path / f"plan-older-{number}.csv" for number in (1, 2)]
     assert [plan_file.read_plan(file, PAR4) for file in older] == [plan, plan[:3]]
 
@@ -92,7 +87,6 @@ def test_missing_and_empty_plans_are_refused(tmp_path):
         ("theta_deg,", "", 1, "column theta_deg is missing"),
         ("100.5", "far", 3, "x_mm is 'far', must be a number"),
         ("2,identification", "1,identification", 4, "shot 1 stands twice"),
-        ("2,identification", "2.5,identification", 4, "shot is '2.5', must be a whole number"),
         ("4,validation", "4,validatoin", 6, "unknown set 'validatoin' → did you mean validation?"),
         ("4,validation,1", "4,validation,2", 5, "pair 1 has one shot, must have two"),
         ("drift,,", "drift,0,", 2, "a shot for drift has no pair"),
@@ -129,23 +123,12 @@ poses = st.builds(Pose, lengths_mm, lengths_mm, lengths_mm, angles_rad)
 joints = st.tuples(angles_rad, angles_rad, angles_rad, angles_rad)
 
 
-@st.composite
-def plans(draw):
-    """Plans of one pair and one drift shot, with any numbers."""
-    sets = [
-        (plan_file.ShotSet.VALIDATION, 7),
-        (plan_file.ShotSet.VALIDATION, 7),
-        (plan_file.ShotSet.DRIFT, None),
-    ]
-    numbers = draw(st.lists(st.integers(0, 10**6), min_size=3, max_size=3, unique=True))
-    return tuple(
-        plan_file.PlannedShot(number, purpose, pair, draw(poses), draw(joints))
-        for number, (purpose, pair) in zip(numbers, sets, strict=True)
+@given(st.lists(st.tuples(poses, joints), min_size=5, max_size=5))
+def test_any_plan_is_the_same_plan_after_writing_and_reading(values):
+    plan = tuple(
+        replace(shot, pose=pose, joints=angles)
+        for shot, (pose, angles) in zip(read(PLAN), values, strict=True)
     )
-
-
-@given(plans())
-def test_any_plan_is_the_same_plan_after_writing_and_reading(plan):
     again = read(plan_file.plan_text(plan, PAR4))
     assert digest(again) == digest(plan)
     for shot, back in zip(plan, again, strict=True):

@@ -22,7 +22,6 @@ from campaigns.design.restricted_space import (
 from campaigns.errors import PlanInvalid
 from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.tracker_noise import TrackerUncertainty
-from campaigns.kinematics.feasibility import platform_radius_mm
 from campaigns.planning import paths
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.paths import STANDING_MM, RobotModel
@@ -85,16 +84,12 @@ def test_poses_keep_off_all_walls_and_identification_poses_lie_near_them(plan):
     assert held_by_space.mean() > 0.5, "most are near a zone's wall, not near the reach's"
 
 
-def test_a_pose_beyond_a_limit_is_refused_by_shot_and_rule():
+def test_poses_and_ways_of_a_plan_that_the_space_forbids_are_named():
     low = restricted_space(SpaceConfig(z_lowest_mm=-640.0), 100.0)
     with pytest.raises(PlanInvalid, match=r"shot 3: z -650 mm is below space.z_lowest_mm -640"):
         check_plan(TWO_PAIRS, PlanLimits(RobotModel(NOMINAL, LIMITS, CENTRE, low), VIEW, PACE))
-
-
-def test_two_poses_parted_by_a_wall_are_named_with_the_zone():
-    wall = restricted_space(
-        SpaceConfig.model_validate_json('{"keep_out": {"boxes": [{"x_mm": [15.0, 16.0]}]}}'), 10.0
-    )
+    boxes = {"keep_out": {"boxes": ({"x_mm": (15.0, 16.0)},)}}
+    wall = restricted_space(SpaceConfig.model_validate(boxes), 10.0)
     with pytest.raises(PlanInvalid, match=r"no safe way from shot 0 .*space.keep_out.boxes\[0\]"):
         check_plan(TWO_PAIRS, PlanLimits(RobotModel(NOMINAL, LIMITS, CENTRE, wall), VIEW, PACE))
 
@@ -118,7 +113,7 @@ def test_a_way_that_counts_as_clear_is_clear_between_all_samples(seed):
 
 @pytest.mark.slow
 @pytest.mark.long
-@pytest.mark.parametrize("parts", [0, 1, 2, 4, 8, 16])
+@pytest.mark.parametrize("parts", [0, 1, 16])
 def test_a_needle_that_no_sample_meets_is_found_wherever_a_controller_may_pass(parts):
     """On the joints' coordinated way (0 parts) or on so many straight parts of it."""
     rng = np.random.default_rng(parts)
@@ -197,13 +192,11 @@ def test_moves_in_a_space_are_judged_together_as_one_by_one(monkeypatch):
 
 
 def test_lines_that_fit_the_robot_fit_its_space_too():
-    config = ValidationConfig()
-    asked = config.line_lengths_mm
-    centre = np.array([*config.centre_mm, 0.0])
+    lengths = ValidationConfig().line_lengths_mm
     narrow = restricted_space(SpaceConfig(radius_mm=300.0), 100.0)
-    x_mm, y_mm, z_mm = fitting_lines(NOMINAL, LIMITS, centre, asked, narrow)
+    x_mm, y_mm, z_mm = fitting_lines(NOMINAL, LIMITS, CENTRE, lengths, narrow)
     assert (x_mm, y_mm) == (360.0, 360.0), "nine tenths of 200 mm each way"
-    assert z_mm == fitting_lines(NOMINAL, LIMITS, centre, asked)[2]
+    assert z_mm == fitting_lines(NOMINAL, LIMITS, CENTRE, lengths)[2]
 
 
 def test_a_line_to_validate_on_is_shortened_or_refused_by_the_zone():
@@ -239,24 +232,6 @@ def test_repeatability_and_pairs_keep_to_the_space():
     found = validation_steps(ValidationConfig(), pairs, robot, frozenset({ShotSet.VALIDATION}), rng)
     assert [step.planned.pair for step in found[0]] == [0, 0]
     assert "validation pair 1 left out: z -650 mm is below" in found[1][0]
-
-
-def test_the_plates_radius_is_the_robots_unless_it_is_said():
-    radius_mm = platform_radius_mm(ROBOT.mechanism, NOMINAL.p, LIMITS)
-    assert radius_mm == pytest.approx(100.0)
-    assert restricted_space(CONFIG, radius_mm).plate_radius_mm == pytest.approx(100.0)
-    own = CONFIG.model_copy(update={"plate_radius_mm": 180.0})
-    assert restricted_space(own, radius_mm).plate_radius_mm == 180.0
-
-
-@pytest.mark.slow
-def test_a_space_that_refuses_nothing_changes_nothing():
-    far_wall = Zone("far", Rectangle((5000.0, 5001.0)), ANYWHERE, keeps_in=False)
-    plans = [
-        make_plan(ROBOT, VIEW, PlanRequest(32, 4, 3, MIDDLE, space), np.random.default_rng(5))
-        for space in (UNRESTRICTED, RestrictedSpace((far_wall,), 100.0, 10.0))
-    ]
-    assert plans[0] == plans[1]
 
 
 @pytest.mark.slow

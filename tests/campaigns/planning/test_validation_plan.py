@@ -74,7 +74,7 @@ def test_lines_run_through_the_centre_and_the_rotation_from_limit_to_limit() -> 
     assert np.degrees(turned[[0, 9, -1], 3]) == pytest.approx([-45.0, 0.0, 45.0])
 
 
-def test_lines_too_long_are_trimmed_about_their_middle_or_refused() -> None:
+def test_tests_too_long_are_trimmed_about_their_middle_or_refused() -> None:
     found = steps(config=CONFIG.model_copy(update={"line_lengths_mm": (1100.0, 800.0, 500.0)}))
     line = poses(found, ShotSet.STRAIGHTNESS)[:17]
     used = float(np.ptp(line[:, 0]))
@@ -83,20 +83,13 @@ def test_lines_too_long_are_trimmed_about_their_middle_or_refused() -> None:
     (note,) = found[1]
     assert note.startswith(f"line along x shortened from 1100 to {used:.4g} mm: ")
     assert "limit" in note or "outside" in note or "reach" in note
+    wide = replace(LIMITS, task=(None, None, None, tuple(np.radians([-80.0, 80.0]))))
+    robot = Reachable(NOMINAL, replace(wide, forearm_swing_rad=np.radians(20.0)))
+    (note,) = steps(frozenset({ShotSet.ROTATION}), robot=robot)[1]
+    assert note.startswith("rotation shortened from 160 to ")
     config = CONFIG.model_copy(update={"line_lengths_mm": (800.0, 800.0, 2000.0)})
     with pytest.raises(PlanInvalid, match="line along z of 2000 mm cannot be done"):
         steps(config=config)
-
-
-def test_rotation_that_is_too_wide_is_trimmed_and_says_so() -> None:
-    wide = replace(LIMITS, task=(None, None, None, tuple(np.radians([-80.0, 80.0]))))
-    found = steps(
-        robot=Reachable(NOMINAL, replace(wide, forearm_swing_rad=np.radians(20.0))),
-        only=frozenset({ShotSet.ROTATION}),
-    )
-    (note,) = found[1]
-    assert {step.planned.purpose for step in found[0]} == {ShotSet.ROTATION}
-    assert note.startswith("rotation shortened from 160 to ")
 
 
 def test_pairs_that_the_controller_cannot_take_are_left_out_whole_or_all_refused() -> None:

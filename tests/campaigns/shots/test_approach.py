@@ -47,12 +47,8 @@ def test_a_joint_that_was_not_turned_round_keeps_the_direction_of_the_shot_befor
     up, down = HERE + np.radians(10.0), HERE - np.radians(10.0)
     before = shot(1, HERE, np.array([down[0], up[1], down[2], up[3]]))
     a_little = np.array([3.0, -3.0, 0.0, 0.1]) * ARCMIN
-    assert directions_of([before, shot(2, HERE + a_little, HERE)])[1].tolist() == [
-        1.0,
-        -1.0,
-        1.0,
-        -1.0,
-    ]
+    directions = directions_of([before, shot(2, HERE + a_little, HERE)])
+    assert directions[1].tolist() == [1.0, -1.0, 1.0, -1.0]
 
 
 def test_a_joint_that_was_turned_round_by_a_little_is_unknown():

@@ -61,11 +61,8 @@ class TestForms:
         text = "p1 2.0005e+03 1.025E1 -3.00125e+002\n"
         assert found(text)["p1"] == pytest.approx((2000.5, 10.25, -300.125))
 
-    @pytest.mark.parametrize("first", ["1 ", "A 1 ", "A Main 1 "])
-    def test_whole_number_before_three_numbers_is_a_name(self, first):
-        text = f"{first}2000.5 10.25 -300.0\n{first.replace('1', '2')}2000.5 10.25 -300.0\n"
-        names = list(found(text))
-        assert [name.rpartition("::")[2] for name in names] == ["1", "2"]
+    def test_whole_number_before_three_numbers_is_a_name(self):
+        assert list(found("A 1 2000.5 10.25 -300.0\nA 2 2000.5 10.25 -300.0\n")) == ["A::1", "A::2"]
 
     def test_windows_file_with_comments_anywhere_is_read(self, tmp_path):
         path = tmp_path / "points.txt"
@@ -81,23 +78,14 @@ class TestColumnsThatAreTold:
         assert "6 numbers in a row" in complaint(text)
         assert found(text, columns=("name", "x", "y", "z")) == {"p1": (1.0, 2.0, 3.0)}
 
-    def test_columns_told_may_stand_in_another_order_and_name_numbers(self):
+    def test_columns_told_may_stand_in_another_order(self):
         text = "3.0 p1 1.0 9.9 2.0\n"
         assert found(text, columns=("z", "name", "x", "-", "y")) == {"p1": (1.0, 2.0, 3.0)}
-        text = "1.5 1.0 2.0 3.0\np2 1.0 2.0 3.0\n"
-        told = ("name", "x", "y", "z")
-        assert list(found(text, columns=told)) == ["1.5", "p2"]
 
-    @pytest.mark.parametrize(
-        ("columns", "said"),
-        [
-            (("name", "X", "y", "z"), "unknown column 'X' → did you mean x?"),
-            (("name", "x", "y"), "has 0 z"),
-            (("x", "x", "y", "z"), "has 2 x"),
-        ],
-    )
-    def test_columns_that_cannot_be_are_refused(self, columns, said):
-        assert said in complaint("p1 1.0 2.0 3.0\n", columns=columns)
+    def test_columns_that_cannot_be_are_refused(self):
+        said = complaint("p1 1.0 2.0 3.0\n", columns=("name", "X", "y", "z"))
+        assert "unknown column 'X' → did you mean x?" in said
+        assert "has 0 z" in complaint("p1 1.0 2.0 3.0\n", columns=("name", "x", "y"))
 
     def test_a_line_too_short_or_with_a_word_for_a_number_is_named(self):
         text = "p1 1.0 2.0 3.0\np2 1.0 2.0\n"
@@ -106,22 +94,16 @@ class TestColumnsThatAreTold:
         assert "points.txt:1: z is 'oops', must be a number" in said
 
 
-class TestUnits:
+class TestComplaints:
     def test_unit_that_nobody_tells_is_never_guessed(self):
         said = complaint(SPATIAL_ANALYZER, unit=None)
-        assert said.endswith(
-            "does not state its unit of length → give it with --unit mm|m|inch|ft|cm|um"
-        )
-
-    def test_point_too_far_away_is_in_another_unit(self):
+        assert "does not state its unit of length → give it with --unit mm|m|inch|" in said
         said = complaint("p1 200000.5 10.0 -300.0\n", unit="m")
         assert "points.txt:1: x is 200000.5 m, farther than 1e+08 mm → check --unit" in said
 
-
-class TestComplaints:
-    @pytest.mark.parametrize("text", ["", "\n\n", "// only comments\n# here\n"])
-    def test_file_without_points_is_refused(self, text):
-        assert "holds no points" in complaint(text)
+    def test_file_without_points_is_refused(self):
+        for text in ("", "// only comments\n# here\n"):
+            assert "holds no points" in complaint(text)
 
     def test_lines_that_are_not_like_the_first_are_named(self):
         said = complaint("p1 1.0 2.0 3.0\nend of file\n")
@@ -139,7 +121,7 @@ class TestComplaints:
         said = complaint("p1 1.0 2.0 3.0\np2 1.0 2.0 3.0\np1 4.0 5.0 6.0\n")
         assert "points.txt:3: point 'p1' stands already in line 1" in said
 
-    @pytest.mark.parametrize("word", ["nan", "inf", "1e999", "1,5", "0x10"])
+    @pytest.mark.parametrize("word", ["nan", "1e999", "0x10"])
     def test_what_is_no_number_is_no_coordinate(self, word):
         complaint(f"p1 1.0 2.0 3.0\np2 {word} 2.0 3.0\n")
 
@@ -150,17 +132,14 @@ class TestHeaders:
         [
             ("sep=;\nName;X;Y;Z", "p1;1;2;3"),
             ("No.\tName\tX\tY\tZ", "7\tp1\t1\t2\t3"),
-            ('"name","x [mm]","y [mm]","z [mm]"', '"p1","1","2","3"'),
             ("Report of 3 points\n\nName  X [mm]  Y [mm]  Z [mm]", "p1 1 2 3"),
             ("Point Name,Y,X,Z,Comment", "p1,2,1,3,4"),
             ("Name;X;Y;Z\n;[mm];[mm];[mm]", "p1;1;2;3"),
             ("Name,dX,dY,dZ,X,Y,Z", "p1,0.1,0.2,0.3,1,2,3"),
-            ("exported by somebody", "p1 1 2 3"),
             ("Report 2026 11 27\nName;X;Y;Z", "p1;1;2;3"),
             ("# Name Z Y X", "p1 3 2 1"),
             ("Punkt;coordX;coordY;coordZ", "p1;1;2;3"),
             ("Target,Id,X,Y,Z", "CCR 1.5,p1,1,2,3"),
-            ("Name X mm Y mm Z mm", "p1 1 2 3"),
         ],
     )
     def test_header_lines_determine_the_columns_and_are_noted(self, header, row):
@@ -172,9 +151,8 @@ class TestHeaders:
     @pytest.mark.parametrize(
         ("unit", "mm"),
         [
-            *(("[mm]", 1.0), ("(m)", 1e3), ("_inch", 25.4), (" in", 25.4), (" [µm]", 1e-3)),
-            *((" ( um )", 1e-3), ("[ft]", 304.8), ("/mm", 1.0), (" [Meters]", 1e3)),
-            *((" in mm", 1.0), (" in µm", 1e-3), (", in", 25.4), (";in", 25.4)),
+            *(("(m)", 1e3), ("_inch", 25.4), (" in", 25.4), (" [µm]", 1e-3), ("[ft]", 304.8)),
+            *((" [Meters]", 1e3), (" in mm", 1.0), (", in", 25.4), (";in", 25.4)),
         ],
     )
     def test_header_states_the_unit(self, unit, mm):
@@ -184,17 +162,16 @@ class TestHeaders:
     @pytest.mark.parametrize(
         ("line", "mm"),
         [
-            *(("Units: Millimeters", 1.0), ("// Unit = in", 25.4), ("Einheit: m", 1e3)),
+            *(("Units: Millimeters", 1.0), ("// Unit = in", 25.4)),
             ("Length units: mm, Angles: Degrees", 1.0),
         ],
     )
-    @pytest.mark.parametrize("header", ["Name;X;Y;Z\n", ""])
-    def test_line_above_states_the_unit(self, line, mm, header):
-        assert found(f"{line}\n{header}p1;1;2;4\n", unit=None)["p1"] == (mm, 2 * mm, 4 * mm)
+    def test_line_above_states_the_unit(self, line, mm):
+        for header in ("Name;X;Y;Z\n", ""):
+            assert found(f"{line}\n{header}p1;1;2;4\n", unit=None)["p1"] == (mm, 2 * mm, 4 * mm)
 
-    @pytest.mark.parametrize("line", ["Unit system", "Units: mm, σ: um", "Uncertainty unit: um"])
-    def test_line_above_that_states_no_one_unit_is_none(self, line):
-        assert "does not state its unit" in complaint(f"{line}\np1;1;2;4\n", unit=None)
+    def test_line_above_that_states_several_units_is_not_used(self):
+        assert "does not state its unit" in complaint("Units: mm, σ: um\np1;1;2;4\n", unit=None)
 
     def test_columns_given_go_before_those_of_the_header(self):
         text = "Name X Y Z Time\nleft nest 1 2 3 27.11.2026 21:10:02\n"
@@ -211,19 +188,17 @@ class TestHeaders:
         ("header", "said"),
         [
             ("Name;X [furlong];Y [furlong];Z [furlong]", "'furlong' beside X Y Z in the header"),
-            ("Name;X_yd;Y_yd;Z_yd", "'yd' beside X Y Z in the header"),
             ("Name;X [mm];Y [mm];Z [m]", "the header has several units: mm, mm, m"),
             ("Name;X;Y;Z;X;Y;Z", "the header has two columns 'X' → choose with --columns"),
             ("Name;X nom;Y nom;Z nom", "names nominal coordinates only"),
             ("Name;dX;dY;dZ", "'d' beside X Y Z in the header is no known unit"),
             ("Units: in\nName;X [mm];Y [mm];Z [mm]", "in mm, a line above states inch"),
-            ("Name;X [m];Y [m];Z [m]\np1;2 mm;3 mm;4 mm", "x is '2 mm', must be a number"),
         ],
     )
     def test_header_that_cannot_be_read_is_refused(self, header, said):
         assert said in complaint(f"{header}\np1;1;2;3;4;5;6\n", unit=None)
 
-    @pytest.mark.parametrize("header", ["Name;R;Hz;V", "Name;R;Theta;Z", "id;DX;DY;DZ"])
+    @pytest.mark.parametrize("header", ["Name;R;Theta;Z", "id;DX;DY;DZ"])
     def test_columns_of_other_names_are_never_taken_for_x_y_z(self, header):
         said = complaint(f"{header}\np1;1;2;3\n")
         assert f"points.txt:1: the header '{header}' does not name X, Y and Z → name the" in said
@@ -256,19 +231,16 @@ class TestHeaders:
 
     @pytest.mark.parametrize(
         ("heading", "std"),
-        [
-            *(("ux;uy;uz", 0.1), ("Ux;Uy;Uz", 0.05), ("StdDev X;StdDev Y;StdDev Z", 0.1)),
-            *(("2σ X;2σ Y;2σ Z", None), ("Uncertainty X;Uncertainty Y;Uncertainty Z", None)),
-        ],
+        [("ux;uy;uz", 0.1), ("Ux;Uy;Uz", 0.05), ("StdDev X;StdDev Y;StdDev Z", 0.1)],
     )
-    def test_small_u_is_one_sigma_and_other_words_are_not_used(self, heading, std):
-        text = f"X;Y;Z;{heading}\n1;2;3;.1;.1;.1\n"
-        (point,) = read(text).points
-        assert (point.covariance_mm2 is None) == (std is None)
-        if point.covariance_mm2:
-            assert point.covariance_mm2[0][0] == pytest.approx(std**2)
-        else:
-            assert f"not used: '{heading.partition(';')[0]}'" in notes(text)
+    def test_small_u_is_one_sigma_and_large_u_two(self, heading, std):
+        (point,) = read(f"X;Y;Z;{heading}\n1;2;3;.1;.1;.1\n").points
+        assert point.covariance_mm2[0][0] == pytest.approx(std**2)
+
+    def test_uncertainties_in_other_words_are_not_used(self):
+        text = "X;Y;Z;2σ X;2σ Y;2σ Z\n1;2;3;.1;.1;.1\n"
+        assert read(text).points[0].covariance_mm2 is None
+        assert "not used: '2σ X'" in notes(text)
 
     def test_uncertainty_of_zero_and_time_that_cannot_be_read_are_noted(self):
         text = "x,y,z,σx,σy,σz,time\n1,2,3,.1,.1,.1,7\n1,2,4,.1,0,.1,noon\n"
@@ -280,13 +252,7 @@ class TestHeaders:
 
 
 class TestNotations:
-    @pytest.mark.parametrize(
-        "line",
-        [
-            *("p1 2000,5 10,25 -300,125", "p1;2000,5;10,25;-300,125", "p1\t2,0\t10,2\t-3,1"),
-            *('"p1","2,927.032","1.5","2.5"', '"p1";"2.927,032";"1,5";"2,5"'),
-        ],
-    )
+    @pytest.mark.parametrize("line", ["p1;2000,5;10,25;-300,125", '"p1","2,927.032","1.5","2.5"'])
     def test_commas_in_numbers_are_refused_unless_the_decimal_sign_is_given(self, line):
         said = complaint(f"// export\n{line}\n")
         assert "points.txt:2: x is '" in said
@@ -297,7 +263,6 @@ class TestNotations:
         [
             ("p1 2000,5 10,25 -300,125", "comma", (2000.5, 10.25, -300.125)),
             ("p1;2.927,032;1.000.000;-1", "comma", (2927.032, 1e6, -1.0)),
-            ('"p1","2,927.032","267.835","-425.832"', "point", (2927.032, 267.835, -425.832)),
             ("p1;2'927.032;1 000;-1.5", "point", (2927.032, 1000.0, -1.5)),
         ],
     )
@@ -319,10 +284,7 @@ class TestEncodings:
 
     @pytest.mark.parametrize(
         ("codec", "encoding"),
-        [
-            *(("utf-8", None), ("utf-8-sig", None), ("utf-16", None), ("cp1252", "cp1252")),
-            *(("utf-16-le", "utf-16"), ("utf-16-be", "utf-16")),
-        ],
+        [*(("utf-8-sig", None), ("utf-16", None), ("cp1252", "cp1252")), ("utf-16-be", "utf-16")],
     )
     def test_byte_order_mark_or_option_decides(self, tmp_path, codec, encoding):
         path = tmp_path / "points.txt"

@@ -34,9 +34,6 @@ def text_of(shots):
     return shots_text(shots, PAR4)
 
 
-answer_to = partial(refusal_if_any, ShotsInvalid, read)
-
-
 complaint = partial(refusal, ShotsInvalid, read, begins="shots.csv:")
 
 
@@ -74,8 +71,6 @@ def test_columns_may_stand_in_any_order_and_some_be_left_out():
     [
         ("x_mm,", "", 1, "column x_mm is missing"),
         ("2000.5", "none", 2, "x_mm is 'none', must be a number"),
-        ("\n0,5", "\n2,5", 2, "pair 0 has one shot, must have two"),
-        ("\n1,9", "\n0,9", 4, "pair 0 has 3 shots, must have two"),
         ("\n0,5", "\n,5", 3, "pair is empty"),
         (",9,8,7,6,", ",9,8,7,900,", 4, "q3_deg is '900', must be a number within ±360"),
     ],
@@ -95,7 +90,6 @@ def test_broken_row_is_answered_with_its_line(old, new, line, words):
         ("4e-4,", ",", "covariance without sxx"),
         ("4e-4", "0", "not positive definite"),
         ("validation,12.5", "identification,12.5", "half identification, half validation"),
-        (",12.5,", ",twelve,", "theta_deg is 'twelve', must be a number"),
         ("21.5", "warm", "temperature_degC is 'warm', must be a number"),
     ],
 )
@@ -124,7 +118,7 @@ def test_exported_columns_hold_something_in_one_line():
 @given(st.text())
 def test_any_text_is_read_or_refused_with_shots_invalid(text):
     for whole in (text, HEADER + text):
-        assert "\n" not in answer_to(whole)
+        assert "\n" not in refusal_if_any(ShotsInvalid, read, whole)
 
 
 angles_rad = st.floats(min_value=-6.28, max_value=6.28)
@@ -134,18 +128,13 @@ small = st.floats(min_value=-0.4, max_value=0.4)
 times = st.text().map(lambda text: " ".join(text.split())).filter(bool)
 
 
-@st.composite
-def covariances(draw):
-    """Positive definite: correlations below one half."""
-    scale = [math.sqrt(draw(variances)) for _ in range(3)]
-    correlation = {frozenset(each): draw(small) for each in ((0, 1), (0, 2), (1, 2))}
-    return tuple(
-        tuple(
-            scale[i] * scale[j] * (1.0 if i == j else correlation[frozenset((i, j))])
-            for j in range(3)
-        )
-        for i in range(3)
+covariances = st.tuples(variances, variances, variances, small).map(
+    lambda drawn: (
+        (drawn[0], drawn[3] * math.sqrt(drawn[0] * drawn[1]), 0.0),
+        (drawn[3] * math.sqrt(drawn[0] * drawn[1]), drawn[1], 0.0),
+        (0.0, 0.0, drawn[2]),
     )
+)
 
 
 def rows(pair, purpose):
@@ -156,7 +145,7 @@ def rows(pair, purpose):
         joints=st.tuples(angles_rad, angles_rad, angles_rad, angles_rad),
         point_in_tracker_mm=st.tuples(lengths_mm, lengths_mm, lengths_mm),
         turn=st.just(()) | st.tuples(angles_rad),
-        covariance_mm2=st.none() | covariances(),
+        covariance_mm2=st.none() | covariances,
         temperature_degC=st.none() | st.floats(min_value=-40.0, max_value=60.0),
         time=st.none() | times,
     )
