@@ -1,15 +1,12 @@
 """Identification of a campaign from its latest run or import."""
 
-# Theory of operation
+# This module joins three independent parts: the campaign's folder, the journal and the mathematics
+# (campaigns/identification).
 #
-# This module joins three parts that know nothing of each other: the campaign's folder, the journal
-# and the mathematics (campaigns/identification).
-#
-# 1. Check the names in the options against the robot's parameters. A misspelt name costs nothing
-#    yet; after the fit it would cost a minute.
+# 1. Check the names in the options against the robot's parameters, before anything takes time.
 # 2. Open the journal for writing, which locks the campaign. The fit must rest on the records whose
 #    digest its result states, so no shot may be added while it runs.
-# 3. Collect the accepted shots: the latest finished run or import, plus shots at bars of known
+# 3. Collect the accepted shots: the latest run or finished import, plus shots at bars of known
 #    length from an import of their own; then temperatures of parts, then the options' selection.
 # 4. Fit. 5. Write the result as a finding with everything that it rests on: digests of robot, plan
 #    and journal, the settings, the options as typed. `status`, `export` and the report compare
@@ -35,7 +32,7 @@ def identify(
     """Identify from the latest run or import, and write the result into the journal.
 
     Args:
-        campaign: The campaign, with a finished run or import.
+        campaign: The campaign, with accepted shots of a run, or an import.
         options: Options of `pkmcal identify`; by default the usual ones.
 
     Returns:

@@ -1,7 +1,5 @@
 """Running of a plan on a connected cell, or as much of it as a goal takes."""
 
-# Theory of operation
-#
 # plan.csv is checked whole before anything moves (planning/plan_check.py), and its shots become
 # steps for the engine (measuring/engine.py), which measures, waits, repeats and resumes. Shots of
 # a run are commanded by joints: the measured pairs of joints and point then do not depend on
