@@ -74,6 +74,7 @@ def test_program_stops_at_each_shot_of_the_plan_in_order_and_says_which_plan(pla
 @pytest.mark.parametrize("by", ["parameters", "targets"])
 def test_program_after_calibration_is_of_what_was_written_for_the_controller(whole, tmp_path, by):
     folder = shutil.copytree(whole.folder, tmp_path / "whole")
+    change(folder / "campaign.yaml", SMALL)
     if by == "targets":
         wanted = folder / "wanted.csv"
         wanted.write_text("x_mm,y_mm,z_mm,theta_deg\n0,0,-575,0\n")

@@ -26,7 +26,7 @@ def rms(controller, robot, poses):
 @some_members
 def test_no_other_values_leave_less(member):
     """Neither the full ones without their extensions, nor any small change of a value."""
-    robot, poses = slightly_tilted(member), member.poses(150)
+    robot, poses = slightly_tilted(member), member.poses(60)
     extensions = member.space.places(member.space.select(Role.EXTENSION))
     own = robot.p.copy()
     own[extensions] = 0.0
