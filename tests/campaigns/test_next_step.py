@@ -240,6 +240,18 @@ def test_what_is_loaded_after_a_validation_is_validated_too(evidence: Evidence) 
         assert since == ([] if says == "report" else [False]), changes
 
 
+def test_a_validation_counts_until_the_controller_holds_another_set(evidence: Evidence) -> None:
+    """Unless it was rolled back: that validation is the reason, and leads to corrected targets."""
+    nominal = evidence.campaign.robot.digest()
+    verdict = state_of(Evaluation(evidence)).after
+    assert verdict
+    assert state_of(Evaluation(evidence), held=evidence.sets.state(nominal)).after == ""
+    later = "2999-01-01T00:00:00+00:00"
+    rollback = replace(evidence.loaded, digest=nominal, at_utc=later, rolls_back=1)
+    state = state_of(Evaluation(replace(evidence, loaded=rollback)))
+    assert (state.after, state.holds, state.by_targets) == (verdict, False, True)
+
+
 def test_a_new_campaign_is_planned_once_its_plan_can_be_read(tmp_path: Path) -> None:
     paper = new_campaign(tmp_path / "c")
     paper.campaign.plan_path.write_text("shot")
