@@ -134,16 +134,8 @@ def test_no_advice_leads_back_and_all_end() -> None:
     [
         ({}, f"{LOOK}; `devices DIR` asks both devices, then: plan DIR"),
         (
-            {"planned": True, "before": True, "misplaced": "it stands there"},
-            "set tracker.place_mm in campaign.yaml (it stands there), then: plan DIR",
-        ),
-        (
             {**MEASURED, "unmeasured": "run", "worker": "process 7"},
             "wait, or look on by `watch DIR` (process 7 works on this campaign), then: status DIR",
-        ),
-        (
-            {**PASSED, "check": "anew"},
-            "look for what changed since the shots, and measure again, then: run DIR --anew",
         ),
         ({**PASSED, "file": "elsewhere.yaml"}, "load DIR --robot DIR/elsewhere.yaml"),
     ],

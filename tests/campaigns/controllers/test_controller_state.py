@@ -119,9 +119,7 @@ def test_export_states_the_loss_that_load_offers(paper: PaperCampaign, monkeypat
     assert offered.lost_mean_mm > 0.01
 
 
-def test_form_of_older_software_is_read_and_a_damaged_one_refused_with_the_key() -> None:
-    older = {"of": "0" * 64, "lost_mean_mm": 0.02, "lost_max_mm": 0.1}
-    assert "(plain), loses 0.0200 mm on average" in form_of({FORM: older}, "old").says
+def test_a_damaged_form_is_refused_with_the_key() -> None:
     form = asdict(ReducedForm(of="0" * 64, lost_mean_mm=0.1, lost_max_mm=0.2))
     with pytest.raises(ConfigInvalid, match=r"odd\.yaml: projection of: input should be"):
         form_of({FORM: form | {"of": 1}}, "odd.yaml")

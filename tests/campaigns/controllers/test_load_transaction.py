@@ -196,10 +196,8 @@ def test_rollback_walks_back_through_the_loads_that_took_effect(campaign: Campai
     rolled_back(campaign, controller, tell=told.append)
     assert controller.held == new
     assert "puts back controller-before-2.yaml: " in told[0]
-    assert second.name in told[0]
     rolled_back(campaign, controller, tell=told.append)
     assert controller.held == OLD
-    assert EXPORTED in told[1]
     with pytest.raises(errors.ShotsMissing, match="no load is in effect"):
         rolled_back(campaign, controller)
     loaded(campaign, controller)
