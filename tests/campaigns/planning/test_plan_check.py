@@ -6,6 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from fake_cell import CENTRE, NOMINAL
+from par4_space import SPACE
 from small_plans import FOUR_PAIRS, LIMITS, OPEN, PACE, VIEW, planned
 
 from campaigns.errors import PlanInvalid
@@ -69,6 +70,18 @@ def test_edited_joint_is_named_with_what_the_pose_takes() -> None:
     assert text.startswith(expected)
 
 
+def test_joints_of_the_other_branch_are_refused_though_they_lead_to_the_same_pose() -> None:
+    """The inward elbow of arm 0: the same plate, other angles."""
+    shot = FOUR_PAIRS[4]
+    places = SPACE.places(["arm0.x_mm", "arm0.y_mm", "arm0.z_mm", "arm0.azimuth_deg"])
+    *arm, azimuth_rad = NOMINAL.p[places]
+    away = np.array([shot.pose.x_mm, shot.pose.y_mm, shot.pose.z_mm]) - arm
+    outward_mm = away @ [np.cos(azimuth_rad), np.sin(azimuth_rad), 0.0]
+    inward_rad = float(2.0 * np.arctan2(-away[2], outward_mm) - shot.joints[0])
+    mirrored = replace(shot, joints=(inward_rad, *shot.joints[1:]))
+    assert problem(with_shot(4, mirrored)).startswith("shot 4: q0_deg")
+
+
 def test_reflector_turned_away_is_named_and_many_faults_counted() -> None:
     turned = replace(VIEW, facing=(2500.0, 1300.0, 75.0))
     text = problem(FOUR_PAIRS, turned)
@@ -96,13 +109,6 @@ def test_nests_are_those_of_campaign_yaml_and_all_of_them() -> None:
     assert faults("C", "D") == "shot 0: nest D is not among nests in campaign.yaml"
     assert faults("B", ends=("A", "C")) == "pair 9: no known length lies between nests A and C"
     assert faults("B", "C", ends=("A", "A")) == "pair 9: no known length lies between nests A and A"
-
-
-def test_way_that_is_not_safe_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No two good poses of this robot lack a way round: so the way round is taken away."""
-    monkeypatch.setattr(RobotModel, "safe_paths", lambda _, stops: [None] * (len(stops) - 1))
-    text = problem(FOUR_PAIRS)
-    assert text.startswith("no safe way from shot 0 to shot 1: blocked, and no way round")
 
 
 def test_detours_are_counted() -> None:

@@ -54,11 +54,10 @@ class TestForms:
         assert [point.name for point in points] == ["", ""]
         assert points[1].point_mm == (4.0, 5.0, 6.0)
 
-    def test_blanks_quotes_and_scientific_numbers_are_read(self):
+    def test_names_with_blanks_and_scientific_numbers_are_read(self):
         text = "Group one, point 1, 1.0, 2.0, 3.0\nGroup one, point 2, 4.0, 5.0, 6.0\n"
         assert list(found(text)) == ["Group one::point 1", "Group one::point 2"]
-        assert list(found('"p1",1.0,2.0,3.0\n')) == ["p1"]
-        text = "p1 2.0005e+03 1.025E1 -3.00125e+002\n"
+        text = '"p1" 2.0005e+03 1.025E1 -3.00125e+002\n'
         assert found(text)["p1"] == pytest.approx((2000.5, 10.25, -300.125))
 
     def test_whole_number_before_three_numbers_is_a_name(self):
@@ -73,25 +72,16 @@ class TestForms:
 
 
 class TestColumnsThatAreTold:
-    def test_numbers_behind_the_point_are_left_alone(self):
-        text = "p1 1.0 2.0 3.0 0.01 0.02 0.03\n"
-        assert "6 numbers in a row" in complaint(text)
-        assert found(text, columns=("name", "x", "y", "z")) == {"p1": (1.0, 2.0, 3.0)}
-
-    def test_columns_told_may_stand_in_another_order(self):
+    def test_columns_may_stand_in_any_order_and_be_left_out(self):
         text = "3.0 p1 1.0 9.9 2.0\n"
         assert found(text, columns=("z", "name", "x", "-", "y")) == {"p1": (1.0, 2.0, 3.0)}
 
     def test_columns_that_cannot_be_are_refused(self):
-        said = complaint("p1 1.0 2.0 3.0\n", columns=("name", "X", "y", "z"))
-        assert "unknown column 'X' → did you mean x?" in said
-        assert "has 0 z" in complaint("p1 1.0 2.0 3.0\n", columns=("name", "x", "y"))
-
-    def test_a_line_too_short_or_with_a_word_for_a_number_is_named(self):
         text = "p1 1.0 2.0 3.0\np2 1.0 2.0\n"
+        said = complaint(text, columns=("name", "X", "y", "z"))
+        assert "unknown column 'X' → did you mean x?" in said
+        assert "has 0 z" in complaint(text, columns=("name", "x", "y"))
         assert "points.txt:2: 3 words for 4" in complaint(text, columns=("name", "x", "y", "z"))
-        said = complaint("p1 1.0 2.0 oops\n", columns=("name", "x", "y", "z"))
-        assert "points.txt:1: z is 'oops', must be a number" in said
 
 
 class TestComplaints:
@@ -113,8 +103,9 @@ class TestComplaints:
         assert "commas if names hold blanks" in said
 
     def test_what_could_be_read_in_two_ways_is_not_guessed(self):
-        said = complaint("2000.5 10.0 -300.0 0.02\n")
-        assert "4 numbers in a row, X Y Z are three → name the columns" in said
+        text = "p1 1.0 2.0 3.0 0.01\n"
+        assert "4 numbers in a row, X Y Z are three → name the columns" in complaint(text)
+        assert found(text, columns=("name", "x", "y", "z")) == {"p1": (1.0, 2.0, 3.0)}
         assert "4 words before X Y Z" in complaint("a b c d 1.0 2.0 3.0\n")
 
     def test_name_that_stands_twice_is_named_with_both_lines(self):
@@ -131,12 +122,10 @@ class TestHeaders:
         ("header", "row"),
         [
             ("sep=;\nName;X;Y;Z", "p1;1;2;3"),
-            ("No.\tName\tX\tY\tZ", "7\tp1\t1\t2\t3"),
             ("Report of 3 points\n\nName  X [mm]  Y [mm]  Z [mm]", "p1 1 2 3"),
             ("Point Name,Y,X,Z,Comment", "p1,2,1,3,4"),
             ("Name;X;Y;Z\n;[mm];[mm];[mm]", "p1;1;2;3"),
             ("Name,dX,dY,dZ,X,Y,Z", "p1,0.1,0.2,0.3,1,2,3"),
-            ("Report 2026 11 27\nName;X;Y;Z", "p1;1;2;3"),
             ("# Name Z Y X", "p1 3 2 1"),
             ("Punkt;coordX;coordY;coordZ", "p1;1;2;3"),
             ("Target,Id,X,Y,Z", "CCR 1.5,p1,1,2,3"),
@@ -160,11 +149,7 @@ class TestHeaders:
         assert found(text, unit=None)["p1"] == pytest.approx((mm, 2.0 * mm, 4.0 * mm))
 
     @pytest.mark.parametrize(
-        ("line", "mm"),
-        [
-            *(("Units: Millimeters", 1.0), ("// Unit = in", 25.4)),
-            ("Length units: mm, Angles: Degrees", 1.0),
-        ],
+        ("line", "mm"), [("// Unit = in", 25.4), ("Length units: mm, Angles: Degrees", 1.0)]
     )
     def test_line_above_states_the_unit(self, line, mm):
         for header in ("Name;X;Y;Z\n", ""):
