@@ -203,8 +203,8 @@ def create_for_devices(
     config = new_config(
         {
             **_identity(folder),
-            "controller": _device("controller", {"controller": controller}, drivers),
-            "tracker": _device("tracker", {"tracker": tracker}, drivers)
+            "controller": _address_and_driver("controller", {"controller": controller}, drivers),
+            "tracker": _address_and_driver("tracker", {"tracker": tracker}, drivers)
             | {"reflector": DEFAULT_REFLECTOR},
             "acceptance": dict(limits),
             **_validation(nominal.robot),
@@ -275,10 +275,10 @@ def create_on_cell(
     config = new_config(
         {
             **_identity(folder),
-            "controller": _device("controller", urls, drivers, url)
+            "controller": _address_and_driver("controller", urls, drivers, url)
             | ({} if urls["controller"] else {"speed_percent": SIMULATED_SPEED_PERCENT}),
             "tracker": {
-                **_device("tracker", urls, drivers, url),
+                **_address_and_driver("tracker", urls, drivers, url),
                 "reflector": tracker.reflectors[0].name,
                 "place_mm": [tracker.station.x_mm, tracker.station.y_mm, tracker.station.z_mm],
                 "uncertainty": _limits(tracker.noise.data_sheet),
@@ -313,14 +313,17 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
     )
 
 
-def _device(
+def _address_and_driver(
     device: str,
     urls: Mapping[str, str | None],
     drivers: Mapping[str, str | None],
-    simulated: str = "",
+    simulated_url: str = "",
 ) -> dict[str, str]:
-    """Return the address and the driver: the one that is named, else that of the address."""
-    url = urls[device] or simulated
+    """Return a device's `url`, else the simulated cell's, and its `driver` for campaign.yaml.
+
+    The driver is the one that is named, else the only one for such an address, else left out.
+    """
+    url = urls[device] or simulated_url
     name = drivers[device] or driver_of_address(url)
     return {"url": url} if name is None else {"url": url, "driver": name}
 

@@ -163,7 +163,7 @@ class RunScreen(RunLines):
         bar = Text.assemble(("━" * filled, "green"), ("┄" * (width - filled), QUIET))
         facts = [
             Text(shots_and_end(progress, now or datetime.now())),  # noqa: DTZ005 - as on the wall
-            *(Text(text, QUIET) for text in figures(progress, [*self._residuals_mm])),
+            *(Text(text, QUIET) for text in figure_lines(progress, [*self._residuals_mm])),
             *(Text(printable(text), OPEN) for text in what_to_do(progress)),
         ]
         keys = KEYS_IN_PAUSE if progress.state is EngineState.PAUSED else KEYS
@@ -238,8 +238,8 @@ def shots_and_end(progress: Progress, now: datetime) -> str:
     return f"{shots} · ends {f'at {low}' if low == high else f'between {low} and {high}'}"
 
 
-def figures(progress: Progress, residuals_mm: list[float]) -> Iterator[str]:
-    """Yield the last residual and whether it is good, drift, uncertainty and the goal."""
+def figure_lines(progress: Progress, residuals_mm: list[float]) -> Iterator[str]:
+    """Yield the screen's lines of figures: last residual, judged, with drift; uncertainty; goal."""
     parts = _residual_and_drift(progress)
     if progress.residual_mm is not None:
         parts[0] = f"last {parts[0]}{_judge_last(residuals_mm)}"

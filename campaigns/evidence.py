@@ -606,7 +606,9 @@ def _checks(evidence: Evidence) -> Iterator[Check]:
     run, identification, journal = evidence.run, evidence.identification, evidence.journal
     # an import was measured without plan.csv
     if run is None or run.series.started.stage != "import":
-        yield same_digest("plan.csv is the plan that was measured", *_plan_digests(evidence))
+        yield same_digest(
+            "plan.csv is the plan that was measured", *_plan_digests_to_compare(evidence)
+        )
     if identification is None:
         yield Check("the results belong to one identification", None, "nothing was identified")
     else:
@@ -618,14 +620,17 @@ def _checks(evidence: Evidence) -> Iterator[Check]:
     if check is not None and check.decision == "fail":
         detail = f"check, series {check.series}: {check.says}"
         yield Check("the robot is as it was identified", holds=False, detail=detail)
-    yield _before_check(evidence)
+    yield _check_of_start(evidence)
     if journal is not None and journal.unended_load:
         statement = "it is known what the controller holds"
         yield Check(statement, holds=False, detail="a load was begun and not ended")
 
 
-def _plan_digests(evidence: Evidence) -> tuple[str | None, str | None]:
-    """Return the digests of plan.csv and of the plan that was measured; None if there is none."""
+def _plan_digests_to_compare(evidence: Evidence) -> tuple[str | None, str | None]:
+    """Return the digests of plan.csv and of the measured plan, None for a missing one.
+
+    Both are that of plan.csv if it has every measured shot as it was measured.
+    """
     # An operator may add rows to plan.csv during a run, and delete rows that cannot be measured.
     # So equal digests are not demanded: it is the same plan if it has every measured shot as it
     # was measured.
@@ -698,10 +703,10 @@ def _same_origin(statement: str, held: ControllerState | None, identified: str) 
     return replace(check, detail=f"{held.says}, {check.detail}") if is_qualified else check
 
 
-def _before_check(evidence: Evidence) -> Check:
+def _check_of_start(evidence: Evidence) -> Check:
     """Check that the robot was validated before calibration with nominal parameters.
 
-    The check does not decide: the gain is then measured from another state, and no less true.
+    A campaign passes without it: the gain is then measured from the set that was held.
     """
     statement = "the controller held the nominal parameters when the robot was validated before"
     held = evidence.held("before")

@@ -303,7 +303,9 @@ def state_of(
         return replace(state, verdict=identification.verdict, remedy=remedy, remedy_first=first)
     identified = identification.parameter_set(campaign.robot.mechanism)
     state = replace(state, verdict="pass", check=_answer_to_check(evidence, identified))
-    return _with_controller(evaluation, identified, _with_file(evidence, identified, state), held)
+    return _with_controller(
+        evaluation, identified, _with_file_to_load(evidence, identified, state), held
+    )
 
 
 def _is_reported(evidence: Evidence) -> bool:
@@ -401,10 +403,13 @@ def _answer_to_check(
     return "update" if check.parts else "anew"
 
 
-def _with_file(evidence: Evidence, identified: Parameters, state: CampaignState) -> CampaignState:
-    """Return the state completed by the robot file to export or to load."""
-    # Each series records which parameters the controller lacks. If it lacks any of the identified
-    # ones, a plain form is needed; a form in the folder that has none of them will do.
+def _with_file_to_load(
+    evidence: Evidence, identified: Parameters, state: CampaignState
+) -> CampaignState:
+    """Return the state with the robot file to load, or how to export it first."""
+    # The latest series that records which parameters the controller lacks counts; older journals
+    # record none. If it lacks any of the identified ones, a plain form is needed; a form in the
+    # folder in which they are all 0 will do.
     digest, series = identified.digest(), evidence.journal.series if evidence.journal else ()
     stated = [each.started.lacks for each in series if each.started.lacks is not None]
     lacking = {*stated[-1]} & {*identified.extended_by} if stated else set[str]()

@@ -69,7 +69,7 @@ class LineClient(LinkClient[Answer]):
     ) -> None:
         link = Link(
             transport,
-            dialect.grammar.answers(),
+            dialect.grammar.answer_reader(),
             clock_s=clock_s,
             # These protocols have no events. An old answer is queued as one, and no one reads it.
             is_event=lambda answer: answer.number != self._asked,

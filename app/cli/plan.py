@@ -58,8 +58,8 @@ def command(
     """Choose the poses to measure and write plan.csv.
 
     The plan has pairs for the identification; hold-out pairs all over the workspace, which the fit
-    never uses; and one pose at start, middle and end, which shows drift. Every pose and every path
-    is checked.
+    never uses; and one pose that is measured again about every 20 shots, which shows drift. Every
+    pose and every path is checked.
 
     Predicts, before anything moves, the uncertainty of positions and parameters. Defaults: `plan`
     in campaign.yaml. You may edit plan.csv: every command checks it again. An older plan.csv is

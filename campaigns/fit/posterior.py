@@ -167,13 +167,11 @@ def fit(
         factors = dict.fromkeys(state.noise, 1.0) | dict(prior.factors)
         components = Components(dict.fromkeys(model.learned, 1.0), factors)
     solution = state.solve_with(components)
-    updates, rounds = 0, 1
+    updates, rounds, learn_sizes = 0, 1, prior.precision is None
     while rounds < MOST_ROUNDS and not (solution.gain < SETTLED_GAIN and updates >= LEAST_UPDATES):
         if solution.gain < NEAR_GAIN or updates:
             most = 3 if updates else 12
-            components = estimate_components(
-                state, components, most, learn_sizes=prior.precision is None
-            )
+            components = estimate_components(state, components, most, learn_sizes=learn_sizes)
             components = replace(components, factors={**components.factors, **prior.factors})
             updates += 1
             solution = state.solve_with(components)

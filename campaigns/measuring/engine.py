@@ -476,7 +476,7 @@ class Engine:
             change = f"at the end a pose could not be compared: {error.problem}"
             self._log.write(Event("drift check", change))
         if change:
-            self._log.tell(change)
+            self._log.show(change)
 
     def _fit_shots(self) -> None:
         """Fit the shots that count as `identify` will, and show the uncertainty."""

@@ -124,10 +124,11 @@ def fit_place(kinematics: Kinematics, accepted: Sequence[Outcome]) -> tuple[Vect
 
     None while the shots determine no frame.
     """
-    # The frame that carries the nominal robot's positions onto the points has its origin in the
-    # tracker. Its uncertainty is that of the mean point, and that of the rotation times the lever
-    # from the points to the tracker: the less they extend across their main direction (second
-    # singular value, which has the root of their number in it), the larger.
+    # The nominal robot's positions are fitted rigidly onto the points; the origin of the tracker's
+    # frame is the place. Its σ has two parts: that of the mean point, σ/√n, and that of the
+    # rotation times the distance to the tracker. The rotation about the points' main direction is
+    # the least certain; its lever is their extent across that direction, the second singular value
+    # (root of a sum over the points, so that it grows with √n).
     modelled = kinematics.forward(np.array([outcome.joints for outcome in accepted]))
     positions_mm = modelled.values[modelled.is_solved, :3]
     points_mm = np.array([outcome.point_in_tracker_mm for outcome in accepted])[modelled.is_solved]

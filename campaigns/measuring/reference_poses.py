@@ -58,10 +58,13 @@ class ReferenceNoise:
     limit_mm: float = inf
     """Root mean square of displacements beyond which poses count as moved, whatever the scatter."""
 
-    def covariance_mm2(self, outcomes: Sequence[Outcome], by_joints: Array) -> Array:
-        """Return the covariance (N, 3, 3) of shots, with ∂point/∂joints (N, 3, n)."""
+    def covariance_mm2(self, outcomes: Sequence[Outcome], point_by_joints: Array) -> Array:
+        """Return the covariances (N, 3, 3) of shots' points: instrument, point and joints together.
+
+        `point_by_joints` are the derivatives ∂point/∂joints, (N, 3, n).
+        """
         stated = outcomes_covariance_mm2(outcomes, self.instrument)
-        of_joints = self.joint**2 * by_joints @ by_joints.swapaxes(1, 2)
+        of_joints = self.joint**2 * point_by_joints @ point_by_joints.swapaxes(1, 2)
         return np.asarray(stated + self.point_mm**2 * np.eye(3) + of_joints)
 
 

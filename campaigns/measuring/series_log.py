@@ -60,10 +60,10 @@ class SeriesLog:
     def announce(self, event: records.Event) -> None:
         """Write an event, and pass it to the display of the run."""
         self.write(event)
-        self.tell(event.text)
+        self.show(event.text)
 
-    def tell(self, text: str) -> None:
-        """Show a text that the journal has already on the run's display."""
+    def show(self, text: str) -> None:
+        """Show on the run's display a text that is in the journal already."""
         self._observer.event(text)
 
     def close(self, how: records.Ending, reason: str) -> None:

@@ -98,9 +98,9 @@ class Shots:
     """Temperature of the robot's parts, (N,); NaN where it is not known."""
 
     def __post_init__(self) -> None:
-        """Refuse arrays that are not of the same shots; raises `ValueError`."""
-        # Columns that were not given get their neutral values, which their defaults cannot have:
-        # these do not know the number of shots.
+        """Fill columns left out, and refuse columns of unequal length; raises `ValueError`."""
+        # Left out, these columns are empty, for a default cannot know the number of shots. They get
+        # one neutral value a shot.
         count, joints = len(self.numbers), self.joints.shape[1]
         neutral = {
             "session": np.zeros(count, dtype=np.intp),

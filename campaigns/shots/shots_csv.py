@@ -155,9 +155,10 @@ def parse_shots(
 def joints_rows(
     text: str, name: str, mechanism: ClosedChain, default: ShotSet
 ) -> Iterator[tuple[CsvRow, ShotRow]]:
-    """Yield the rows of a file of named joints, and their shots without points.
+    """Yield each row of a joints file, and its shot; the points are in another file.
 
-    The pair is None where the file has no column `pair`. Raise `ShotsInvalid` with the line.
+    A shot's pair is None if the file has no column `pair`, or its set has no pairs. Raise
+    `ShotsInvalid` with the line.
     """
     for row in parse_csv(text, name, _form(mechanism, with_points=False)):
         yield row, _shot_of(row, mechanism, default)

@@ -125,7 +125,7 @@ def _simulate(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) ->
     near = setup.nominal.forward(shots.joints, approach=shots.approach).values_or_raise()
     posterior, _ = fit_with_changes(model, observations_of(shots, near, setup.options))
     errors, std = _parameter_errors(posterior, true)
-    real_mm, stated_mm = _positions(setup, posterior, robot)
+    real_mm, stated_mm = _position_errors_mm(setup, posterior, robot)
     return CampaignEstimate(
         errors=tuple(errors.tolist()),
         std=tuple(std.tolist()),
@@ -180,8 +180,10 @@ def _parameter_errors(posterior: Posterior, true: Array) -> tuple[Array, Array]:
     return off[:count] * scale, np.sqrt(np.maximum(variance[:count], 0.0)) * scale
 
 
-def _positions(setup: StudySetup, posterior: Posterior, true: Kinematics) -> tuple[float, float]:
-    """Return real and stated errors of positions over the workspace, rms, mm."""
+def _position_errors_mm(
+    setup: StudySetup, posterior: Posterior, true: Kinematics
+) -> tuple[float, float]:
+    """Return the real error of positions and their stated 1 σ, both rms over the workspace, mm."""
     # Both robots take the joints of the nominal one at the workspace's poses. The frame of the
     # identified robot is arbitrary, so the best rigid fit is taken off before the comparison, as
     # it is in the stated σ.
@@ -191,8 +193,8 @@ def _positions(setup: StudySetup, posterior: Posterior, true: Kinematics) -> tup
         robot.forward(joints, setup.workspace).values_or_raise() for robot in (identified, true)
     )
     placed = fit_transform(modelled[:, :3], real[:, :3]).apply(modelled[:, :3])
-    judged = judged_at(posterior.model, identified, joints, modelled)
-    std = position_std_mm(judged, posterior.model_covariance)
+    by_parameters = judged_at(posterior.model, identified, joints, modelled)
+    std = position_std_mm(by_parameters, posterior.model_covariance)
     real_mm = float(np.sqrt(((real[:, :3] - placed) ** 2).sum(axis=1).mean()))
     return real_mm, float(np.sqrt((std**2).mean()))
 

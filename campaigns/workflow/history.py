@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from itertools import combinations
 from typing import Literal
 
 from campaigns.campaign import Campaign
@@ -129,14 +130,13 @@ def _measured_utc(series: Series | None, at_utc: str) -> str:
 
 
 def _require_one_robot(campaigns: Sequence[Campaign]) -> None:
-    """Raise `OptionsInvalid` if mechanism or serial number differ between two campaigns.
+    """Raise `OptionsInvalid` for a folder named twice, or campaigns of different robots.
 
-    A serial number that one of them lacks is not compared.
+    A serial number that one of two campaigns lacks is not compared between these two.
     """
-    first, *others = campaigns
-    if len({each.folder.resolve() for each in campaigns}) < len(campaigns):
+    if len({campaign.folder.resolve() for campaign in campaigns}) < len(campaigns):
         raise OptionsInvalid("DIR is named twice", remedy="name each campaign once")
-    for other in others:
+    for first, other in combinations(campaigns, 2):
         for quantity, ours, theirs in _identities(first, other):
             if ours and theirs and ours != theirs:
                 raise OptionsInvalid(

@@ -149,8 +149,8 @@ class LineGrammar:
         # The limit counts the line feed, the framer does not.
         return LineFramer(self._line_bytes - len(EMPTY_LINE))
 
-    def answers(self) -> Callable[[bytes], list[Answer]]:
-        """Return a reader of answers from bytes in any pieces, which raises only `WireError`.
+    def answer_reader(self) -> Callable[[bytes], list[Answer]]:
+        """Return a function that reads answers from bytes in any pieces; raises only `WireError`.
 
         Empty lines are passed over.
         """

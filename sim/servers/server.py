@@ -67,8 +67,11 @@ class Peer:
         self._keeps_open = isinstance(channel, SerialEnd)
         """Whether the pipe outlives its client, as a serial line does."""
 
-    def ready(self) -> None:
-        """Read what has come, also the client's leaving, unless too much is unsent."""
+    def read_arrivals(self) -> None:
+        """Read what has come, at most `READS_A_TURN` chunks; nothing while too much is unsent.
+
+        A client that has left is noticed here.
+        """
         for _ in range(READS_A_TURN):
             if self.conversation.is_over or self._is_paused() or not self._take():
                 return
@@ -253,7 +256,7 @@ class CellServer:
         before = self._open_count(device_name)
         peer = Peer(channel, Conversation(factory, before, next_fault, self._clock.now_s))
         self._peers[peer] = device_name
-        self._selector.register(channel, selectors.EVENT_READ, (False, peer.ready))
+        self._selector.register(channel, selectors.EVENT_READ, (False, peer.read_arrivals))
 
     def _open_count(self, device_name: DeviceName) -> int:
         """Return the number of a device's clients that have not just left."""
@@ -266,7 +269,7 @@ class CellServer:
         if peer.conversation.is_over:
             self._forget(peer)
         else:
-            self._selector.modify(peer.channel, peer.interest(), (False, peer.ready))
+            self._selector.modify(peer.channel, peer.interest(), (False, peer.read_arrivals))
 
     def _forget(self, peer: Peer) -> None:
         del self._peers[peer]

@@ -3,6 +3,7 @@
 import csv
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
+from unittest.mock import patch
 
 import numpy as np
 import paper_campaign
@@ -20,8 +21,7 @@ def identified_in(folder, month, later_deg=0.0):
     nominal, errors = paper_campaign.NOMINAL.robot.parameters, dict(paper_campaign.ERRORS)
     errors[DRIFTING] += later_deg
     true = par4(nominal | {name: nominal[name] + error for name, error in errors.items()})
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(paper_campaign, "TRUE", true)
+    with patch.object(paper_campaign, "TRUE", true):
         paper = paper_campaign.new_campaign(folder)
         paper.rng = np.random.default_rng(month)
         paper.clock = paper_campaign.Clock(datetime(2026, month, 2, tzinfo=UTC))
@@ -83,6 +83,13 @@ def test_campaigns_of_different_robots_are_refused(pkmcal, march, tmp_path, monk
     assert "is of another robot" in refused.error_line
     assert "'R-2', not 'R-1'" in refused.error_line
     assert "named twice" in pkmcal("history", other.folder, other.folder).error_line
+    # a campaign without a serial number first hides no other robot among the later ones
+    unnamed = replace(paper_campaign.CONTROLLER, serial="")
+    monkeypatch.setattr(paper_campaign, "CONTROLLER", unnamed)
+    first = identified_in(tmp_path / "m5", 5)
+    refused = pkmcal("history", first.folder, march.folder, other.folder)
+    assert refused.code == 2
+    assert "'R-2', not 'R-1'" in refused.error_line
 
 
 def test_checks_stand_beside_campaigns(pkmcal, march):

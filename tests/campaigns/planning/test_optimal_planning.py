@@ -1,6 +1,7 @@
 """Optimal plans for a campaign: what they hold, what they make known, and what is refused."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -34,7 +35,9 @@ def request(shots=FEW, *, pairs=4, until_mm=None):
 
 
 def planned(asked, view=VIEW, seed=1):
-    return make_optimal_plan(ROBOT, view, asked, np.random.default_rng(seed))
+    """Return a plan chosen among few candidates: choosing among all of them takes seconds."""
+    with patch.object(optimal_plan, "CANDIDATES", 400):
+        return make_optimal_plan(ROBOT, view, asked, np.random.default_rng(seed))
 
 
 def foreseen(shots) -> Forecast:
@@ -43,14 +46,6 @@ def foreseen(shots) -> Forecast:
 
 def mean_std_mm(shots) -> float:
     return float(foreseen(shots).position_std_mm.mean())
-
-
-@pytest.fixture(scope="module", autouse=True)
-def few_candidates():
-    """Fewer candidates: choosing among all of them takes seconds."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(optimal_plan, "CANDIDATES", 400)
-        yield
 
 
 @pytest.fixture(scope="module")
