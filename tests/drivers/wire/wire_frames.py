@@ -95,9 +95,9 @@ WIRES: tuple[Wire, ...] = (
     Wire("lines", lambda: LineFramer(255).feed, ROBOTLINE_ANSWERS),
     Wire("emScon, instrument", emscon.from_server, FROM_INSTRUMENT),
     Wire("emScon, client", emscon.from_client, FROM_CLIENT),
-    Wire("robotline, controller", PAR4_LINES.answers, ROBOTLINE_ANSWERS, resealed_line),
+    Wire("robotline, controller", PAR4_LINES.answer_reader, ROBOTLINE_ANSWERS, resealed_line),
     Wire("robotline, client", _questions(PAR4_LINES), ROBOTLINE_QUESTIONS, resealed_line),
-    Wire("pointline, instrument", pointline.GRAMMAR.answers, POINTLINE_ANSWERS, resealed_line),
+    Wire("pointline, instrument", pointline.GRAMMAR.answer_reader, POINTLINE_ANSWERS, resealed_line),
     Wire("pointline, client", _questions(pointline.GRAMMAR), POINTLINE_QUESTIONS, resealed_line),
 )
 
