@@ -97,7 +97,9 @@ WIRES: tuple[Wire, ...] = (
     Wire("emScon, client", emscon.from_client, FROM_CLIENT),
     Wire("robotline, controller", PAR4_LINES.answer_reader, ROBOTLINE_ANSWERS, resealed_line),
     Wire("robotline, client", _questions(PAR4_LINES), ROBOTLINE_QUESTIONS, resealed_line),
-    Wire("pointline, instrument", pointline.GRAMMAR.answer_reader, POINTLINE_ANSWERS, resealed_line),
+    Wire(
+        "pointline, instrument", pointline.GRAMMAR.answer_reader, POINTLINE_ANSWERS, resealed_line
+    ),
     Wire("pointline, client", _questions(pointline.GRAMMAR), POINTLINE_QUESTIONS, resealed_line),
 )
 
