@@ -61,7 +61,12 @@ def breaches_in(file: Path) -> Iterator[Breach]:
     text = file.read_text(encoding="utf-8")
     name = file.relative_to(ROOT) if file.is_relative_to(ROOT) else file.name
     module = ast.parse(text)
-    findings = (*stop_words(module, text), *banned_names(module), *signatures(module))
+    findings = (
+        *stop_words(module, text),
+        *banned_names(module),
+        *signatures(module),
+        *callable_tuples(module),
+    )
     for rule, line, words, instead in findings:
         yield Breach(rule, f"{name}:{line}", words, instead)
 
@@ -123,7 +128,17 @@ def signatures(module: ast.Module) -> Iterator[tuple[str, int, str, str]]:
                     yield "bare_tuples", node.lineno, words, "give the values a dataclass"
 
 
-RULES = ("stop_words", "banned_names", "wide_functions", "bare_tuples")
+def callable_tuples(module: ast.Module) -> Iterator[tuple[str, int, str, str]]:
+    """Yield types of tuples that hold a function."""
+    for node in ast.walk(module):
+        match node:
+            case ast.Subscript(value=ast.Name(id="tuple"), slice=ast.Tuple(elts=kinds)) if any(
+                ast.unparse(kind).startswith("Callable[") for kind in kinds
+            ):
+                yield "callable_tuples", node.lineno, ast.unparse(node), "name its parts in a class"
+
+
+RULES = ("stop_words", "banned_names", "wide_functions", "bare_tuples", "callable_tuples")
 
 
 def counts() -> dict[str, int]:

@@ -22,7 +22,7 @@ from binascii import crc_hqx
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import count
-from typing import Any, NewType, TypeVar, cast, get_args, get_origin
+from typing import Any, NamedTuple, NewType, TypeVar, cast, get_args, get_origin
 from urllib.parse import quote, unquote
 
 from drivers.errors import WireError
@@ -250,8 +250,7 @@ def words_of(body: object) -> list[str]:
         elif slot.type is Title:
             words += value.split()
         else:
-            write, _ = _FORMS[slot.type]
-            words.append(write(value))
+            words.append(_FORMS[slot.type].write(value))
     return words
 
 
@@ -279,8 +278,7 @@ def _take_field(form: Any, unread: list[str], behind: int, meaning: str) -> obje
     # `ARM 2` is one title. Behind a title come decimal numbers, which are not whole ones.
     if form is Title:
         return f"{word} {unread.pop(0)}" if unread and _WHOLE.fullmatch(unread[0]) else word
-    _, read_word = _FORMS[form]
-    return read_word(word, meaning)
+    return _FORMS[form].read(word, meaning)
 
 
 def _take_word(unread: list[str], meaning: str) -> str:
@@ -341,10 +339,18 @@ def _read_name(word: str, meaning: str) -> str:
     return text
 
 
-_FORMS: Mapping[Any, tuple[Callable[[Any], str], Callable[[str, str], object]]] = {
-    int: (str, _read_whole),
-    float: (_decimal_word, _read_decimal),
-    bool: (lambda value: "1" if value else "0", _read_flag),
-    str: (_name_word, _read_name),
+class _WordForm(NamedTuple):
+    """Form of a field of one word."""
+
+    write: Callable[[Any], str]
+    read: Callable[[str, str], object]
+    """Reads a word; takes the field's meaning for its errors."""
+
+
+_FORMS: Mapping[Any, _WordForm] = {
+    int: _WordForm(str, _read_whole),
+    float: _WordForm(_decimal_word, _read_decimal),
+    bool: _WordForm(lambda value: "1" if value else "0", _read_flag),
+    str: _WordForm(_name_word, _read_name),
 }
-"""Writer and reader of a field of one word, by its annotation."""
+"""Forms by a field's annotation."""

@@ -8,6 +8,7 @@ then further questions wait.
 
 from collections import deque
 from collections.abc import Callable
+from typing import NamedTuple
 
 from typing_extensions import override
 
@@ -22,7 +23,15 @@ NO_REFLECTOR_FOUND = Refused("BEAM", "no reflector was found")
 MOST_WAITING = 100
 """Questions that are kept while one is worked on; more are lost, as in a full buffer."""
 
-Work = tuple[float, Callable[[float], object]]
+
+class Work(NamedTuple):
+    """Work that takes time."""
+
+    due_s: float
+    finish: Callable[[float], object]
+    """Yields the outcome at the time that it is given."""
+
+
 """End of a question's work, and the step that then yields its outcome."""
 
 
@@ -60,7 +69,7 @@ class PointlineSession(ServedSession):
             if self._under_way is None:
                 question = self._waiting.popleft()
                 outcome = self._obey(question, now_s)
-                if isinstance(outcome, tuple):  # `Work`: the outcome comes later
+                if isinstance(outcome, Work):  # the outcome comes later
                     self._under_way = question, outcome
                     continue
             else:
@@ -73,7 +82,7 @@ class PointlineSession(ServedSession):
     @override
     def next_due_s(self) -> float | None:
         """Return the time of the next event of its own; None if all depends on the client."""
-        due_s = None if self._under_way is None else self._under_way[1][0]
+        due_s = None if self._under_way is None else self._under_way[1].due_s
         times = (self._tracker.next_event_s(), due_s)
         return min((time_s for time_s in times if time_s is not None), default=None)
 
@@ -141,13 +150,13 @@ class PointlineSession(ServedSession):
         self._measuring_time_s = seconds
         # PREPARE initialises only if necessary, since that turns the head and loses the beam
         takes_s = 0.0 if tracker.initialised(now_s) else tracker.initialise(now_s)
-        return now_s + takes_s, lambda _: Nothing()
+        return Work(now_s + takes_s, lambda _: Nothing())
 
     def _measure(self, now_s: float) -> Refused | Work:
         due_s = self._tracker.begin_measurement(self._measuring_time_s, now_s)
         if due_s is None:
             return Refused("NOBEAM", "the beam is on no reflector")
-        return due_s, self._finish_measuring
+        return Work(due_s, self._finish_measuring)
 
     def _finish_measuring(self, now_s: float) -> wire.PointMeasured | Refused:
         shot = self._tracker.finish_measurement(now_s)
@@ -164,4 +173,4 @@ class PointlineSession(ServedSession):
         def finish(end_s: float) -> Nothing | Refused:
             return Nothing() if self._tracker.beam_locked(end_s) else NO_REFLECTOR_FOUND
 
-        return now_s + seconds, finish
+        return Work(now_s + seconds, finish)

@@ -16,7 +16,8 @@ import threading
 import tty
 from collections.abc import Callable
 from functools import partial
-from operator import itemgetter
+from operator import attrgetter
+from typing import NamedTuple
 
 from sim.clock import ScaledClock
 from sim.errors import SimError
@@ -133,8 +134,11 @@ class Peer:
             self.conversation.hang_up()
 
 
-_Watch = tuple[bool, Callable[[], None]]
-"""Whether the channel admits new clients, and the step to take when something has come."""
+class _Watch(NamedTuple):
+    """Step to take when something has come on a channel."""
+
+    admits_clients: bool
+    step: Callable[[], None]
 
 
 class CellServer:
@@ -152,7 +156,11 @@ class CellServer:
         self._stopping = False
         self._stopped = False
         self._failure: BaseException | None = None
-        self._selector.register(self._wake_end, selectors.EVENT_READ, (False, self._drain_wake_up))
+        self._selector.register(
+            self._wake_end,
+            selectors.EVENT_READ,
+            _Watch(admits_clients=False, step=self._drain_wake_up),
+        )
 
     def serve_tcp(self, factory: SessionFactory, device_name: DeviceName, port: int = 0) -> str:
         """Listen on loopback and return the URL tcp://127.0.0.1:PORT; raises `SimError`."""
@@ -166,7 +174,9 @@ class CellServer:
         listener.settimeout(0.0)
         self._listeners.append(listener)
         accept = partial(self._accept, listener, factory, device_name)
-        self._selector.register(listener, selectors.EVENT_READ, (True, accept))
+        self._selector.register(
+            listener, selectors.EVENT_READ, _Watch(admits_clients=True, step=accept)
+        )
         return f"tcp://{LOOPBACK}:{listener.getsockname()[1]}"
 
     def serve_pty(self, factory: SessionFactory, device_name: DeviceName) -> str:
@@ -220,8 +230,8 @@ class CellServer:
 
     def _turn(self) -> None:
         ready: list[_Watch] = [key.data for key, _ in self._selector.select(self._patience_s())]
-        for _, step in sorted(ready, key=itemgetter(0)):  # who left makes room first
-            step()
+        for watch in sorted(ready, key=attrgetter("admits_clients")):  # who left makes room first
+            watch.step()
         for peer in list(self._peers):
             peer.turn()
             self._watch(peer)
@@ -256,7 +266,9 @@ class CellServer:
         before = self._open_count(device_name)
         peer = Peer(channel, Conversation(factory, before, next_fault, self._clock.now_s))
         self._peers[peer] = device_name
-        self._selector.register(channel, selectors.EVENT_READ, (False, peer.read_arrivals))
+        self._selector.register(
+            channel, selectors.EVENT_READ, _Watch(admits_clients=False, step=peer.read_arrivals)
+        )
 
     def _open_count(self, device_name: DeviceName) -> int:
         """Return the number of a device's clients that have not just left."""
@@ -269,7 +281,9 @@ class CellServer:
         if peer.conversation.is_over:
             self._forget(peer)
         else:
-            self._selector.modify(peer.channel, peer.interest(), (False, peer.read_arrivals))
+            self._selector.modify(
+                peer.channel, peer.interest(), _Watch(admits_clients=False, step=peer.read_arrivals)
+            )
 
     def _forget(self, peer: Peer) -> None:
         del self._peers[peer]

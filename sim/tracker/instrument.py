@@ -22,6 +22,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,6 +42,14 @@ LOCKING_S = 0.5
 EVENTS_KEPT = 100
 """Events that a tracker keeps whose protocol does not report them."""
 PPM = 1e-6
+
+
+class Action(NamedTuple):
+    """Action of the head that takes time."""
+
+    end_s: float
+    finish: Callable[[float], None]
+    """Step to take at the end, with its time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +112,8 @@ class SimulatedTracker:
         self._worked = worked
         self.is_initialised = state.is_initialised
         self.is_warm = state.is_warm or section.warm_up_s <= 0.0
-        self._action: tuple[float, Callable[[float], None]] | None = None
-        """End of the action under way, and the step to take there; None: none is."""
+        self._action: Action | None = None
+        """Action under way; None if there is none."""
         self._measuring_s: float | None = None
         self._events: deque[str] = deque(maxlen=EVENTS_KEPT)
 
@@ -157,7 +166,7 @@ class SimulatedTracker:
     def next_event_s(self) -> float | None:
         """Return the time of the next event that `advance` will carry out; None if none is due."""
         warm_s = None if self.is_warm else self._section.warm_up_s
-        end_s = None if self._action is None else self._action[0]
+        end_s = None if self._action is None else self._action.end_s
         times = [t for t in (warm_s, end_s, self.beam.next_cut_s()) if t is not None]
         return min(times, default=None)
 
@@ -231,15 +240,15 @@ class SimulatedTracker:
         if self.beam.is_lost(now_s):
             self._measuring_s = None
             self._events.append("beam_lost")
-        if self._action is not None and now_s >= self._action[0]:
+        if self._action is not None and now_s >= self._action.end_s:
             # cleared before the step is taken, which may begin another action
-            (_, finish), self._action = self._action, None
-            finish(now_s)
+            action, self._action = self._action, None
+            action.finish(now_s)
 
     def _begin(self, duration_s: float, finish: Callable[[float], None], now_s: float) -> float:
         # the head has one action: a new one replaces the present one, and ends a measurement
         self._measuring_s = None
-        self._action = now_s + duration_s, finish
+        self._action = Action(now_s + duration_s, finish)
         return duration_s
 
     def _search(self, aim: Aim, now_s: float) -> float:
