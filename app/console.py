@@ -77,7 +77,7 @@ class Terminal:
         return self._talk if self._as_json else Console(highlight=False, emoji=False)
 
     def say(self, text: str, style: str = "") -> None:
-        """Print a line of the answer."""
+        """Print a line of the answer, on stdout; on stderr if the answer is a JSON document."""
         say(self._answers, text, style)
 
     def note(self, text: str, style: str = TALK) -> None:

@@ -46,7 +46,8 @@ class Keyboard:
     ) -> str:
         """Show a question and return the line typed after it; earlier input is dropped.
 
-        Raise `Cancelled` once a stop is requested, and `LinkDown` if the terminal is closed.
+        Raise `Cancelled` once a stop is requested, and `LinkDown` if the terminal is closed, or if
+        more is typed than any answer needs.
         """
         typed = b""
         with self._turn, self._by_lines():

@@ -47,7 +47,7 @@ class CountedWork:
         self._bars.stop()
 
     def advance(self, more: int = 1) -> None:
-        """Count further work as done."""
+        """Count further work as done; without a screen, print a line at each tenth of it."""
         before, self._done = self._done, self._done + more
         self._bars.update(self._bar, completed=self._done, news=self.news)
         if self._bars.disable and is_next_tenth(before, self._done, self._total):

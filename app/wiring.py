@@ -118,7 +118,7 @@ class DevicePlace:
     @classmethod
     def real(cls, url: str) -> "DevicePlace":
         """Return the place of a device outside this process."""
-        return cls(url, opener_of(url), SystemClock(), _first_number())
+        return cls(url, opener_of(url), SystemClock(), _first_question_number())
 
     @classmethod
     def simulated(cls, cell: InProcessCell, device: DeviceName, url: str) -> "DevicePlace":
@@ -209,7 +209,7 @@ class DeviceConnections:
         return WakefulClock(clock, self.stop_requested)
 
 
-def _first_number() -> int:
+def _first_question_number() -> int:
     """Draw the number of a session's first question."""
     # An answer to an earlier session's question may still be in the link. It carries another
     # number, and so cannot be taken for an answer of this session.

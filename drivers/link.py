@@ -205,7 +205,7 @@ class LinkClient(Generic[Message]):
         return self._link.is_open
 
     def close(self) -> None:
-        """Free the wire, without a word; a second time does nothing."""
+        """Close the wire without a last message; a second call does nothing."""
         self._link.close()
 
 

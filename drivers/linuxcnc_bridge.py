@@ -400,7 +400,7 @@ class Session(socketserver.BaseRequestHandler):
     server: "Bridge"
 
     def handle(self) -> None:
-        """Answer lines until the client leaves."""
+        """Answer lines until the client leaves; stop a motion that it has left under way."""
         self._staged: dict[str, float] = {}
         self._moves = False
         self.request.settimeout(WATCHDOG_S)

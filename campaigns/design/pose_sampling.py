@@ -65,7 +65,7 @@ class FeasibleRegion:
     def allows(self, poses: Array) -> Mask:
         """Return which poses can be taken, seen, and reached straight from the centre, (N,).
 
-        In a space with obstacles any two of them are then joined by way of the centre.
+        So any two poses that are allowed in a space with obstacles are joined by way of the centre.
         """
         # the cheap test first: each next one judges only the poses that remain
         allowed = self.space.allows(poses[:, :3])

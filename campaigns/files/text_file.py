@@ -60,7 +60,7 @@ def refuse_existing(path: Path, remedy: str = "name another, or move this one aw
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder unless it exists; raise `WriteFailed`."""
+    """Make a folder, and those above it, unless they exist; raise `WriteFailed`."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

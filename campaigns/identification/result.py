@@ -121,7 +121,7 @@ class ParameterCovariance:
 
     @property
     def array(self) -> Array:
-        """Covariance (F, F)."""
+        """`matrix` as an array, (F, F)."""
         return np.array(self.matrix).reshape(len(self.names), len(self.names))
 
     def std(self) -> dict[str, float]:

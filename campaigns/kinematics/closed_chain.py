@@ -63,7 +63,7 @@ class Geometry:
 
     @property
     def tilts(self) -> bool:
-        """Whether an imperfect part tilts the plate."""
+        """Whether an imperfect part of an arm (`TILTING`) tilts the plate."""
         return any(self.arms[stem].any() for stem in TILTING)
 
     @property

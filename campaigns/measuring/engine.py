@@ -382,9 +382,11 @@ class Engine:
         raise error
 
     def _void_shot(self, wrong: Outcome, reason: str) -> Group:
-        """Void a shot, its pair with it, and name it to the operator.
+        """Void a shot, its pair with it, and announce why.
 
-        Return its group; () if the plan does not have it any more.
+        If the first drift shot is void, the next one takes its place.
+
+        Return the shot's group; () if the plan does not have the shot any more.
         """
         event = Event("shot voided", f"shot {wrong.shot} does not count: {reason}")
         self._log.announce(event)

@@ -74,8 +74,8 @@ def missing_shots(series: Series, work: Work) -> tuple[int, ...]:
 def complete_series(journal: JournalReader, work: Work) -> Series | None:
     """Return the latest series of this stage if it is finished and measured this very plan.
 
-    A series that ended early counts only if it meets the goal of this work, or if all the shots
-    that it lacks shall be skipped.
+    A series that ended early counts only if it meets the goal of this work, or if the
+    operator skips all the shots that it lacks (`skipped_groups`).
     """
     latest = journal.latest_series(work.stage)
     if latest is None or not latest.finished or _plan_difference(latest, work):

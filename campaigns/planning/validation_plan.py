@@ -94,7 +94,7 @@ class Reachable:
         return f"it crosses {self.space.zones[crossed[0]].name}" if crossed.size else ""
 
     def joints(self, poses: Array) -> Array:
-        """Return the joints (N, n) of poses (N, t)."""
+        """Return the nominal robot's joints (N, n) at poses (N, t), NaN out of its reach."""
         return self.kinematics.feasibility(self.limits, poses).joints
 
     def corrected(self, steps: tuple[Step, ...]) -> tuple[Step, ...]:

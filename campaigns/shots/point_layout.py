@@ -380,9 +380,11 @@ def _common_run(
     """
     first = lines[0]
     common = _run_of_numbers(table[0])
+    if common is None:
+        raise _no_point(first)
     for line, cells in zip(lines, table, strict=True):
         run = _run_of_numbers(cells)
-        if common is None or run is None:
+        if run is None:
             raise _no_point(line)
         if run != common:
             raise ShotsInvalid(
@@ -391,7 +393,7 @@ def _common_run(
                 remedy="correct the line, export with commas if names hold blanks, or "
                 f"{form.columns_remedy}",
             )
-    return common or (0, 0)
+    return common
 
 
 def _check_split_numbers(

@@ -281,7 +281,7 @@ class SimulatedController:
 
     @property
     def extensions(self) -> tuple[str, ...]:
-        """Flat names of the parameters of imperfect parts that its kinematics has."""
+        """Flat names of the parameters of imperfect parts that the controller's kinematics has."""
         return self._kinematics.extensions
 
     def stop(self, now_s: float) -> None:

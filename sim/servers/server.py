@@ -84,6 +84,7 @@ class Peer:
 
     def interest(self) -> int:
         """Return the events that the selector should watch for."""
+        # While paused nothing is read until the client has taken what is unsent.
         if self._is_paused():
             return selectors.EVENT_WRITE
         return selectors.EVENT_READ | (selectors.EVENT_WRITE if self.conversation.going() else 0)

@@ -98,7 +98,10 @@ class Beam:
         self._pointing_mm = self._place_mm(locked_on or Target.ROBOT, 0.0)
 
     def cut(self, from_s: float, lasts_s: float) -> None:
-        """Cut the beam for a time, as a person who steps into it does."""
+        """Cut the beam for a time that may lie ahead, as a person who steps into it does.
+
+        There is one cut at a time: a new one replaces the one before.
+        """
         self._cut_from_s, self._cut_until_s = from_s, from_s + lasts_s
         self._cut_is_new = True
 
