@@ -105,7 +105,7 @@ class Keyboard:
 
     @contextmanager
     def _by_lines(self) -> Iterator[None]:
-        """Read whole lines for the time of the block, and drop the input that waits."""
+        """Read input by whole lines within the block; drop what was typed before it."""
         with suppress(termios.error):  # no terminal, or none any more
             if self._line_mode is not None:
                 termios.tcsetattr(sys.stdin.fileno(), termios.TCSANOW, self._line_mode)

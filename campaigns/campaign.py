@@ -58,7 +58,10 @@ def now_utc() -> str:
 
 
 def moment(utc: str) -> str:
-    """Return a time of the journal as local time with its zone: `2026-03-02 09:15 CET`."""
+    """Return a time of the journal as local time with its zone: `2026-03-02 09:15 CET`.
+
+    A text that is no time is returned as it is.
+    """
     try:
         return f"{datetime.fromisoformat(utc).astimezone():%Y-%m-%d %H:%M %Z}"
     except ValueError:

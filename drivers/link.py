@@ -112,7 +112,7 @@ class Link(Generic[Message]):
         self._events.clear()
         return taken
 
-    def has_lost_events(self) -> bool:
+    def take_lost_events(self) -> bool:
         """Return whether events fell out of a full queue since this was last asked."""
         has_lost, self._has_lost_events = self._has_lost_events, False
         return has_lost

@@ -344,13 +344,13 @@ class Parameters:
         return tuple(self._machine.get(self._pins[name]) for name in self.layout.names_of(words))
 
     def replace(self, staged: Mapping[str, float]) -> None:
-        """Put a whole set to work and keep it, or nothing; the drives must be off."""
+        """Set all parameters and save them, or change nothing; the drives must be off."""
         wrong = sorted(self.layout.parameters - staged.keys())
         wrong += [n for n, value in staged.items() if LENGTH.fullmatch(n) and value <= 0.0]
         if wrong or not staged:
             raise Refusal("GEOMETRY", f"missing or not positive: {' '.join(wrong)}")
-        # Pins first, then the file: if the file cannot be written the pins go back, so that both
-        # agree whenever this returns. Parameters that are not staged become 0.
+        # Pins first, then the file: if a pin refuses or the file cannot be written, the pins go
+        # back before this raises, so that both still agree. Names that are not staged become 0.
         before = {name: self._machine.get(pin) for name, pin in self._pins.items()}
         try:
             self._set(dict.fromkeys(self._pins, 0.0) | dict(staged))

@@ -281,7 +281,10 @@ def _make_first_state(
 
 
 def _resolve_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) -> int:
-    """Return the seed asked for, the remembered one, or the scenario's, in this order."""
+    """Return the remembered seed, else the one asked for, else the scenario's.
+
+    Raise `SimError` if another than the remembered one is asked for.
+    """
     if past is None:
         return scenario.seed if seed is None else seed
     if seed is not None and seed != past.seed:

@@ -85,9 +85,9 @@ def build_of(robot: RobotSection, geometry: Geometry, seed: int) -> Build:
 
 
 def plate_joints_mm(robot: RobotSection, geometry: Geometry) -> Array:
-    """Return the bars' places (n, 3) on the platform, from each arm's contracted plate joint.
+    """Return where each arm's bar is on the platform, (n, 3), from the model's single joint there.
 
-    Without places in the cell file they are around a single part, or left and right on two parts.
+    The cell file's places; else on a circle (one part), or left and right (two parts).
     """
     if robot.plate_joints_mm is not None:
         return np.array(robot.plate_joints_mm)

@@ -64,7 +64,7 @@ def joints_of_pose(
     assembled at the pose.
     """
     row = pose_row(pose)
-    # without a direction of approach, which no one types: in the middle of the backlash
+    # no direction of approach is known at a typed pose: assume the middle of the backlash
     solution = Kinematics.of(mechanism, parameters).inverse(row[None])
     if not solution.is_solved.all():
         texts = (axis.text(value, ".3f") for axis, value in zip(mechanism.task, row, strict=True))

@@ -378,7 +378,7 @@ def _readings(
     points: Array,
     unit: LengthUnit,
 ) -> Iterator[Reading]:
-    """Yield readings of joints (N, n) by causes, each with the points' unit, mirrored and not.
+    """Yield each way to read the file: joints (N, n) by causes, with each unit, mirrored and not.
 
     The first reading takes the points as they are written.
     """

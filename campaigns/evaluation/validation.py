@@ -487,13 +487,13 @@ def cube_tests(
 
 
 def line_axes(commanded_mm: Array) -> Index:
-    """Return the axis (0, 1, 2) of the line to which each commanded point belongs, (N,).
+    """Return the axis (0, 1, 2) of the line to which each commanded point belongs, or -1, (N,).
 
     Points (N, 3) come line by line, and along each line only one coordinate changes: a point is of
-    the line of its predecessor as long as it differs from it along one axis alone.
+    the line along the one axis on which it differs from its predecessor. -1: a point of no line.
     """
-    # The way from one line to the next changes several coordinates, or none, and begins a new line.
-    # Only the second point of a line shows its axis, which is then given to the first one too.
+    # A way that changes several coordinates, or none, separates two lines. The first point of a
+    # line gets the axis that the second one shows, unless it is the last of the line before.
     changes = np.abs(np.diff(commanded_mm, axis=0))
     smallest = np.maximum(SAME_PLACE_MM, SAME_PLACE_SHARE * changes.max(axis=1, keepdims=True))
     steps = changes > smallest

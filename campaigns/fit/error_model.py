@@ -268,7 +268,10 @@ def shift_points(assembly: Assembly, shifts: Array) -> Assembly:
 
 
 def frame_columns(turned: Array) -> Array:
-    """Return ∂point/∂frame (N, 3, 6) of turned points: by a turn in mrad, by a shift in mm."""
+    """Return the derivatives (N, 3, 6) of points by their frame: per mrad of turn, per mm of shift.
+
+    `turned` (N, 3) are the points after the frame's rotation, before its shift, mm.
+    """
     return np.asarray(frame_jacobian(turned) * np.array([MRAD, MRAD, MRAD, 1.0, 1.0, 1.0]))
 
 

@@ -98,8 +98,8 @@ def std_of_positions(
 
 def _shares(squares: Mapping[str, float], ratio: float, rms: float) -> tuple[Share, ...]:
     """Return the budget's rows; errors beyond σ that hold-out pairs showed have a row of theirs."""
-    # Rows add up in squares to `rms`, which has the ratio in it already: with the stated rms / r,
-    # the model's row is what is missing to it, √(rms² − (rms / r)²).
+    # The rows' squares add up to rms², in which `ratio` is already: without it the rms would be
+    # rms / ratio, so that the model's row is √(rms² − (rms / ratio)²).
     shares = []
     for source, square in squares.items():
         words = NOISE_WORDS.get(source) or SOURCES[source].words

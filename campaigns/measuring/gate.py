@@ -155,11 +155,11 @@ class Gate:
         return [shot for shot in first if not self._without(shot).judge(refused).refusal]
 
     def is_replaced_by(self, again: Outcome, suspect: Outcome, refused: Outcome) -> bool:
-        """Return whether a suspect measured again is elsewhere, and agrees with a refused shot."""
+        """Return whether a suspect measured again is elsewhere, and fits the refused shot."""
         # A repetition at the old place acquits the suspect. One that is elsewhere, but contradicts
         # the refused shot, shows that something else is wrong.
         moved_mm = dist(suspect.point_in_tracker_mm, again.point_in_tracker_mm)
-        others = self._without(suspect, refused)
+        others = self._without(suspect, added=(refused,))
         return moved_mm > self._rules.fitted_mm and not others.judge(again).refusal
 
     def find_standing(self, refused: Outcome) -> tuple[Outcome, ...]:
@@ -185,7 +185,7 @@ class Gate:
         same = (s.point_in_tracker_mm for s in self.accepted if is_same_pose(s.joints, joints))
         return next(same, None)
 
-    def _without(self, shot: Outcome, *added: Outcome) -> "Gate":
+    def _without(self, shot: Outcome, *, added: tuple[Outcome, ...] = ()) -> "Gate":
         """Return a gate that rests on the other shots and the added ones."""
         others = (*(other for other in self.accepted if other.shot != shot.shot), *added)
         return Gate(self._model, self._instrument, self._rules, others)

@@ -65,8 +65,9 @@ class Mover:
     def go(self, step: Step, entering: Callable[[EngineState], None]) -> Arrival:
         """Take the step's way and settle at its end; `entering` gets each new state.
 
-        Raise before anything moves `TargetOutOfReach` if no safe way is known and `JogRequired` if
-        the robot stands where it may not be; `NotSettled`, `Interrupted`, or a driver's error.
+        Before anything moves raise `TargetOutOfReach` if no safe way is known, or `JogRequired` if
+        the robot stands where it may not be. At any time raise `NotSettled`, `Interrupted` or a
+        driver's error.
         """
         here = self._await_rest()
         way = self._way_of(self._standing_joints(here), step)

@@ -71,7 +71,8 @@ class ReferenceNoise:
 def reference_poses(steps: Sequence[Step], kept: Sequence[Outcome]) -> tuple[ReferencePose, ...]:
     """Choose three or four accepted poses far from each other and not on a line.
 
-    A single one if there are no such poses. The first drift shot comes first, else the first shot.
+    A single one if there are no such poses; none without accepted shots. The first drift shot comes
+    first, else the first shot.
     """
     # The second pose is farthest from the first, the third from the line through both: three points
     # that are not on a line show every rigid motion. The fourth is farthest from those chosen.

@@ -100,9 +100,10 @@ class UncertaintyMonitor:
         )
 
     def stated(self, posterior: Posterior | None) -> PositionUncertainty | None:
-        """Return the uncertainty at the judged positions, with the nominal robot's derivatives.
+        """Return the fitted uncertainty at the judged positions; None without a fit.
 
-        Those of the fitted robot differ in second order, and would cost half a fit.
+        The derivatives are the nominal robot's: those of the fitted one differ in second order, and
+        would cost half a fit.
         """
         if posterior is None:
             return None

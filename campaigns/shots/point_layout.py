@@ -399,7 +399,7 @@ def _common_run(
 def _check_split_numbers(
     table: Sequence[Sequence[str]], names: int, separator: str, where: str, form: PointFormat
 ) -> None:
-    """Raise `ShotsInvalid` if a word and the number behind it may be halves of one number."""
+    """Raise `ShotsInvalid` if, in every line, a name and X may be halves of one number."""
     # Where commas or blanks separate, `p1,2,927.032,…` is point p1::2, or 2927.032 in p1.
     if separator not in {",", ""} or not names:
         return

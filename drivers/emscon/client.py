@@ -279,7 +279,7 @@ class EmsconClient(LinkClient[wire.FromServer]):
         a queue that was too short for what came.
         """
         self.drain()
-        self._changes += self._link.has_lost_events()
+        self._changes += self._link.take_lost_events()
         return self._changes
 
     def _take_events(self) -> list[wire.FromServer]:

@@ -190,7 +190,10 @@ def _command_of(code: int) -> Command | None:
 
 
 def from_server() -> Callable[[bytes], list[FromServer]]:
-    """Return a reader of an instrument's bytes, in any pieces; it raises only `WireError`."""
+    """Return a reader that takes a server's bytes, cut anywhere, and returns whole messages.
+
+    The reader raises only `WireError`.
+    """
     return messages(PacketFramer().feed, parse_from_server)
 
 

@@ -214,7 +214,7 @@ class SimulatedController:
     def is_moving(self, now_s: float) -> bool:
         """Whether the controller reports that the robot moves."""
         self._advance(now_s)
-        # a stall is the fault of reporting a motion that has ended, until a stop is requested
+        # The fault "stall": a motion that has ended is reported as going on, until a stop request.
         return self._motion is not None or self._trouble.kind == "stall"
 
     def encoders(self, now_s: float) -> Array:
