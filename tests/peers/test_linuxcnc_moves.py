@@ -157,6 +157,10 @@ def test_drive_that_does_not_follow_is_a_following_error(linuxcnc, bench):
     with pytest.raises(MotionFault, match="machine is off"):
         bench.robot.move_joints(FAR_RAD, 1.0)
     linuxcnc.hal("setp", "stall.3.in", "0")
+    # switched off, the command follows the drive: on before it has caught up is an error again
+    before = ""
+    while (command := linuxcnc.hal("getp", "joint.3.motor-pos-cmd")) != before:
+        before = command
     linuxcnc.make_ready()
     assert bench.move(FAR_RAD).fault == ""
 
