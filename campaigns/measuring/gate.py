@@ -25,6 +25,7 @@ from campaigns.fit.error_model import ErrorModel, Observations, moved_frames
 from campaigns.fit.posterior import noise_parts
 from campaigns.fit.rigid_transforms import Transform, fit_transform
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
+from campaigns.fit.variance_components import Components, LinearModel
 from campaigns.journal.records import Outcome
 from campaigns.settings.sections import GateConfig
 from drivers.values import Vector3, vector
@@ -259,21 +260,22 @@ def _gauss_newton_step(
     """
     # 1. Place the frame by the rigid motion that carries the model's positions onto the points.
     # 2. Linearise there; weigh each point by the tracker's noise and a part of the robot's scatter.
-    # 3. Solve the normal equations. As a prior each unknown of the robot is 0 ± 1 tolerance, the
-    #    frame's six are free: five shots suffice, and what they do not show stays uncertain.
-    unknowns = len(x)
+    # 3. Solve as a fit does, with sizes and noise as they are. As a prior each unknown of the robot
+    #    is 0 ± 1 tolerance, the frame's six are free: five shots suffice, and what they do not show
+    #    stays uncertain.
+    size = len(x)
     frame = fit_transform(poses[:, :3], observations.points)
     at = model.linearise(observations, x, (frame,), poses)
     parts = noise_parts(model, observations, at.by_joint)
-    noise = sum(SCATTER_SHARE.get(name, 1.0) * part for name, part in parts.items())
-    jacobian = at.jacobian.reshape(-1, unknowns + 6)
-    weighted = (np.linalg.inv(noise) @ at.jacobian).reshape(jacobian.shape)
-    prior = np.concatenate([np.ones(unknowns), np.zeros(6)])
-    covariance = np.asarray(np.linalg.inv(weighted.T @ jacobian + np.diag(prior)), np.float64)
-    slope = weighted.T @ at.residual.ravel() + prior * np.concatenate([x, np.zeros(6)])
-    step = -covariance @ slope
-    (frame,) = moved_frames((frame,), step[unknowns:])
-    return Estimate(x + step[:unknowns], frame, poses.mean(axis=0, keepdims=True), covariance)
+    prior = np.diag(np.concatenate([np.ones(size), np.zeros(6)]))
+    deviation = np.concatenate([x, np.zeros(6)])
+    kept = np.ones(len(observations), dtype=bool)
+    factors = {part: SCATTER_SHARE.get(part, 1.0) for part in parts}
+    linear = LinearModel(at, parts, kept, deviation, prior, groups={})
+    solution = linear.solve_with(Components({}, factors))
+    (frame,) = moved_frames((frame,), solution.step[size:])
+    centre = poses.mean(axis=0, keepdims=True)
+    return Estimate(x + solution.step[:size], frame, centre, solution.covariance)
 
 
 def next_fit(shots: int, growth: float = 0.25) -> int:
