@@ -283,8 +283,7 @@ class ValidationJob(Job[validation.Validated]):
         # Every try calls this function: only the first has objections to record. The parameters
         # are read again, because somebody may have loaded others since the preview was made.
         with self.campaign.opened_journal() as journal:
-            for objection in self._unrecorded:
-                validation.record_objection(journal, objection)
+            validation.record_objections(journal, self._unrecorded)
         self._unrecorded.clear()
         held = cell.robot.read_geometry()
         work, notes = validation.validation_work(self.campaign, held, self._options)

@@ -47,8 +47,8 @@ class HeldParameters:
 
     def write(self, geometry: Mapping[str, float]) -> None:
         """Replace the whole file by these parameters; raise `ConfigInvalid`, `WriteFailed`."""
-        document = compensated(self.nominal, "by-hand-active", geometry)
-        replace_text(self.folder / FILE_NAME, document.document.text)
+        robot = compensated(self.nominal, "by-hand-active", geometry)
+        replace_text(self.folder / FILE_NAME, robot.document.text)
 
     def lacks(self, names: Collection[str]) -> tuple[str, ...]:  # noqa: ARG002 - it has them all
         """Return no name: a pose is converted by all parameters."""

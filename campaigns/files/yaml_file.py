@@ -241,7 +241,8 @@ def checked(document: YamlDocument, schema: str, model: type[Model]) -> Model:
         raise explained(error, model, document.name, document.tree) from error
 
 
-# A command reads its campaign's files several times, and parsing takes tens of milliseconds each.
+# A command reads its campaign's files several times: `status` of a finished campaign takes 1.0 s,
+# without this 1.3 s. The tree is shared, so no one may change it: `editable_tree` makes another.
 @lru_cache(maxsize=16)
 def _shared_tree(text: str) -> object:
     """Parse a text that was not parsed lately; raise `FileRefused`, which names no file."""

@@ -158,12 +158,12 @@ def import_validation(
         raise objections[0]
     # 2. What no consent overrules: copies, and shots of another robot.
     _check(campaign, rows, terms, STAGES[stage] if terms.anyway else set())
-    # 3. An overruled objection is recorded only now: shots that are refused change nothing.
-    validation.require_or_record(campaign, objections, anyway=True)
-    # 4. Write the shots and judge them.
+    # 3. Write overruled objections and the shots, and judge them. Shots that are refused above
+    #    change nothing.
     kinematics, order = Kinematics.of(campaign.robot.mechanism, held.wanted), _order(rows, terms)
     recorded_form = known_sets(campaign).state(held.digest).form
     with campaign.journal() as journal:
+        validation.record_objections(journal, objections)
         # a form from a file that older software exported: its loss is not in the journal yet
         if held.projection is not None and recorded_form is None:
             journal.append(Finding("export", asdict(held)))

@@ -267,21 +267,10 @@ def replaced(
     )
 
 
-def require_or_record(
-    campaign: Campaign, objections: Iterable[OptionsInvalid | None], *, anyway: bool
-) -> None:
-    """Raise the first objection to a stage; with `anyway` write all of them into the journal."""
+def record_objections(journal: Journal, objections: Iterable[OptionsInvalid]) -> None:
+    """Write objections that were overruled into the journal."""
     for objection in objections:
-        if objection is not None and not anyway:
-            raise objection
-        if objection is not None:
-            with campaign.journal() as journal:
-                record_objection(journal, objection)
-
-
-def record_objection(journal: Journal, objection: OptionsInvalid) -> None:
-    """Write an overruled objection into the journal."""
-    journal.append(Event("wrong stage", f"measured all the same: {objection.problem}"))
+        journal.append(Event("wrong stage", f"measured all the same: {objection.problem}"))
 
 
 def validate(
@@ -316,7 +305,12 @@ def validate(
     active, stage = cell.robot.read_geometry(), options.stage
     again = replaced(campaign, stage, options.tests)
     wrong = wrong_stage(campaign, active, stage, observer.event, by=options.by)
-    require_or_record(campaign, (again, wrong), anyway=options.force)
+    objections = [objection for objection in (again, wrong) if objection is not None]
+    if objections and not options.force:
+        raise objections[0]
+    if objections:
+        with campaign.journal() as journal:
+            record_objections(journal, objections)
     work, notes = validation_work(campaign, active, options)
     for note in notes:
         observer.event(note)
