@@ -77,10 +77,7 @@ class RobotByHand(RobotController):
     """A robot whose joints are those that a person reads off its display and types."""
 
     def __init__(self, surroundings: RobotSurroundings) -> None:
-        assert isinstance(surroundings.settings, HandSettings), (
-            "the campaign has them for this driver"
-        )
-        self._settings = surroundings.settings
+        self._settings = surroundings.settings_as(HandSettings)
         self._layout = surroundings.layout
         self._prompt = surroundings.prompt
         # The joints typed last, rad or mm; None: none since connecting.

@@ -14,12 +14,15 @@ unchanged over a real wire, in a simulated cell of this process, and on a clock 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 from drivers.link import never
 from drivers.ports import Clock, Prompt
 from drivers.stopping import Alarm, unheard
 from drivers.transport import Opener
 from drivers.wire.robotline import RobotLayout
+
+Settings = TypeVar("Settings")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +44,11 @@ class Surroundings:
     """Question to the operator; None without a terminal."""
     in_process: bool = False
     """Whether the device is simulated in this process."""
+
+    def settings_as(self, kind: type[Settings]) -> Settings:
+        """Return the settings, which the campaign makes in the type that the driver needs."""
+        assert isinstance(self.settings, kind), "the campaign has them for this driver"
+        return self.settings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -79,13 +79,10 @@ class WatchedTracker(LaserTracker):
     """A tracker whose points are the rows that its software writes into a file."""
 
     def __init__(self, surroundings: Surroundings) -> None:
-        assert isinstance(surroundings.settings, WatchSettings), (
-            "the campaign has them for this driver"
-        )
-        self._settings = surroundings.settings
+        self._settings = surroundings.settings_as(WatchSettings)
         self._clock = surroundings.clock
         self._cancelled = surroundings.cancelled
-        self._name = f"file {surroundings.settings.path.name}"
+        self._name = f"file {self._settings.path.name}"
         # The row taken or refused last: the same row again is no measurement.
         self._last = ""
 
