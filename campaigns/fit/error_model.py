@@ -1,4 +1,4 @@
-"""Model of measured points: a nominal robot, all its sources of error, and the tracker's frame.
+"""Model of measured points: a robot, all its sources of error, and the tracker's frame.
 
 Theory of operation. A shot i is a reading of all joints and a point y_i that the tracker measured:
 
@@ -9,8 +9,12 @@ columns of the tracker's errors, e_i noise. Every source of error that has a col
 model as an unknown with a prior of mean 0: there is no choice of a model to make. Unknowns x are
 deviations from nominal in units of their tolerances, so that every prior is N(0, ρ²) with a size ρ
 that is 1 for parts within their tolerance; this also scales the columns for the linear algebra. The
-six unknowns of each frame are flat, without a prior: a turn in mrad and a shift in mm.
-`ErrorModel.linearise` returns residuals, predicted less measured, and their derivatives.
+six unknowns of each frame are flat, without a prior: a turn in mrad and a shift in mm. Effects of
+one campaign (`effects.py`) move joints, parameters, points or frames of some shots; their unknowns
+follow those of the table in x.
+
+`ErrorModel.predict` is the one function from unknowns to residuals, predicted less measured, and
+their derivatives: the fit, hold-out pairs, plans and the gate of a run ask it.
 """
 
 from collections.abc import Collection, Mapping
@@ -21,16 +25,23 @@ from typing import Self
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
+from campaigns.fit.effects import Effect, Moved, Step
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES, tolerance_of, tracker_columns
-from campaigns.fit.rigid_transforms import Transform, fit_transform, frame_jacobian, rotation_by
+from campaigns.fit.rigid_transforms import (
+    Transform,
+    fit_transform,
+    frame_jacobian,
+    rotation_by,
+    rotations_by,
+)
 from campaigns.kinematics.closed_chain import Assembly
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import INNER, Role, Unit
 
 MRAD = 1e-3
 GROSS_MEDIANS = 6.0
-"""Distance from the nominal robot's points, in medians of all distances, beyond which a point is of
-another target and no error of the robot."""
+"""Distance from the nominal robot's points, in medians of all distances, beyond which a shot has no
+weight in the first steps of a fit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +63,12 @@ class Observations:
     """Number of the frame of each shot's session, (N,), counted from 0."""
     warmth: Array
     """Degrees by which parts are warmer than the reference, (N,); 0 where unknown."""
+    moment: Array
+    """Rank of each shot in the order of time, (N,); infinite for poses of the robot of today."""
+    time: Array
+    """Time of each shot in its session, from 0 to 1, (N,)."""
+    former: Array
+    """Encoder readings at the shot before, (N, n); the same joints where there is none."""
 
     def __len__(self) -> int:
         return len(self.points)
@@ -67,33 +84,60 @@ class Observations:
             noise={},
             frame=np.zeros(len(joints), dtype=np.intp),
             warmth=np.zeros(len(joints)),
+            moment=np.full(len(joints), np.inf),
+            time=np.zeros(len(joints)),
+            former=joints,
         )
 
-    def rows(self, rows: Index | Mask) -> "Observations":
+    def rows(self, rows: Index | Mask) -> Self:
         """Return the observations of these rows."""
-        arrays = (self.joints, self.approach, self.near, self.points)
-        joints, approach, near, points = (values[rows] for values in arrays)
+        columns = {
+            name: getattr(self, name)[rows]
+            for name in self.__slots__  # all columns but the noise, which is a mapping of columns
+            if name != "noise"
+        }
         noise = {part: covariance[rows] for part, covariance in self.noise.items()}
-        return Observations(
-            joints, approach, near, points, noise, self.frame[rows], self.warmth[rows]
-        )
+        return replace(self, noise=noise, **columns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Linearised:
-    """Model at given unknowns: residuals and their derivatives, in the tracker's frame."""
+class Prediction:
+    """Points predicted at given unknowns: residuals and derivatives, in the tracker's frame."""
 
     x: Array
-    """Unknowns in tolerances, (Q - 6 F,): of the model, then of added changes."""
+    """Unknowns in tolerances, then those of effects in usual sizes, (P,)."""
     frames: tuple[Transform, ...]
     """`tracker_from_base` of each session, F of them."""
     assembly: Assembly
     residual: Array
     """Predicted minus measured, (N, 3), mm."""
     jacobian: Array
-    """∂residual/∂(unknowns, frames), (N, 3, Q)."""
-    by_joint: Array
-    """∂point/∂joints, (N, 3, n), mm per rad or mm."""
+    """∂residual/∂(unknowns, frames), (N, 3, P + 6 F)."""
+    by_moves: Mapping[Moved, Array]
+    """∂point by what effects move, (N, 3, m): joints in rad or mm, the model's own unknowns in
+    tolerances, the point in the base frame, the shot's own frame in mrad and mm."""
+
+    @property
+    def by_joint(self) -> Array:
+        """∂point/∂joints, (N, 3, n), mm per rad or mm."""
+        return self.by_moves["joints"]
+
+    def columns_of(self, effect: Effect, observations: Observations) -> Array:
+        """Return ∂residual/∂z (N, 3, k) of an effect."""
+        return np.asarray(self.by_moves[effect.moves] @ effect.basis(observations))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotPoints:
+    """Points of a robot at given unknowns, in its base frame, with their derivatives."""
+
+    assembly: Assembly
+    by: Array
+    """∂point/∂unknowns, (N, 3, P), effects included."""
+    by_moves: Mapping[Moved, Array]
+    """∂point by what effects move, (N, 3, m)."""
+    frame_moves: Array
+    """Motions of the tracker's frame by effects, (N, 6): mrad and mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +153,8 @@ class ErrorModel:
     """Tolerances instead of the table's, by a tracker's source or by group and unit: `rods_deg`."""
     with_growth: bool = False
     """Whether shots have temperatures of parts, from which the expansion of parts is estimated."""
+    effects: tuple[Effect, ...] = ()
+    """Effects of this campaign; their unknowns follow those that have names."""
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -123,6 +169,11 @@ class ErrorModel:
             and (parameter.field.group != "ripple" or has_rate)
         ]
         return tuple(name for name in (*names, *TRACKER_SOURCES) if name not in self.held)
+
+    @property
+    def is_revolute(self) -> bool:
+        """Whether the joints turn."""
+        return self.nominal.mechanism.joints[0].is_revolute
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -175,6 +226,35 @@ class ErrorModel:
                 rows.setdefault(group, []).append(place)
         return {group: np.array(places) for group, places in rows.items()}
 
+    @cached_property
+    def size(self) -> int:
+        """Number of unknowns, those of effects included, frames not."""
+        return len(self.names) + sum(effect.count for effect in self.effects)
+
+    @cached_property
+    def effect_places(self) -> tuple[slice, ...]:
+        """Places of each effect's unknowns."""
+        ends = len(self.names) + np.cumsum([0, *(effect.count for effect in self.effects)])
+        return tuple(
+            slice(*pair) for pair in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True)
+        )
+
+    @cached_property
+    def sized_groups(self) -> dict[str, Index]:
+        """Places of the unknowns of each group of sources and effects whose size is estimated."""
+        places = {group: list(indices) for group, indices in self.learned.items()}
+        for effect, where in zip(self.effects, self.effect_places, strict=True):
+            place = where.start
+            for group, count in effect.sizes_of:
+                if group:
+                    places.setdefault(group, []).extend(range(place, place + count))
+                place += count
+        return {group: np.array(indices) for group, indices in places.items()}
+
+    def with_effects(self, effects: tuple[Effect, ...]) -> "ErrorModel":
+        """Return the model with these effects instead of its own."""
+        return replace(self, effects=effects)
+
     def kinematics(self, x: Array) -> Kinematics:
         """Return the robot with the deviations `x` (P or more,) in tolerances."""
         p, count = self.nominal.whole_p, len(self.parameters)
@@ -182,6 +262,18 @@ class ErrorModel:
         change = x[:count] * self.tolerance[:count]
         p[self.places[in_robot]] += change[in_robot]
         return Kinematics(self.nominal.mechanism, p)
+
+    @cached_property
+    def of_today(self) -> Array:
+        """Matrix (P, P + effects) from all unknowns to those of the robot of today.
+
+        Changes of parameters that last are added to the robot's own.
+        """
+        matrix = np.eye(len(self.names), self.size)
+        for effect, where in zip(self.effects, self.effect_places, strict=True):
+            if isinstance(effect, Step) and effect.is_lasting and effect.moves == "unknowns":
+                matrix[:, where] = effect.by_unknowns
+        return matrix
 
     def positions(
         self, x: Array, observations: Observations, near: Array
@@ -213,51 +305,124 @@ class ErrorModel:
         columns[..., :count] = by_p[..., self.places] * self.tolerance[:count]
         return columns, by_joint
 
-    # Parameters enter the kinematics. Growth, the tracker's errors and added changes are small:
-    # their columns times their unknowns are added to the predicted points.
-    def linearise(
-        self,
-        observations: Observations,
-        x: Array,
-        frames: tuple[Transform, ...],
-        near: Array,
-        changes: Array | None = None,
-    ) -> Linearised:
-        """Predict all points and differentiate them by all unknowns.
+    # Moved joints and parameters enter the kinematics, moved points are added. Growth is small: its
+    # columns times its unknowns are added to the points as well.
+    def robot_at(self, x: Array, observations: Observations, near: Array) -> "RobotPoints":
+        """Return the robot's points in its base frame with their derivatives by all unknowns.
 
-        `changes` (N, 3, k) are added linear columns, such as a step of a part, whose unknowns
-        follow those of the model in `x`.
+        `near` (N, t or more) are the plate's unknowns at which the assembly begins. Columns of the
+        tracker's errors and of motions of the frame are 0.
         """
-        robot, assembly = self.positions(x, observations, near)
-        columns, by_joint = self.robot_columns(robot, observations, assembly.unknowns)
+        bases = [effect.basis(observations) for effect in self.effects]
+        moves = self._moves(x, bases, observations)
+        moved = replace(observations, joints=observations.joints + moves["joints"])
+        assembly, columns, by_joint = self._assembled(x, moves["unknowns"], moved, near)
+        shifts = moves["point"]
         if self.with_growth:
             growth = [place for place, group in enumerate(self.groups) if group == "growth"]
-            assembly = shift_points(assembly, columns[..., growth] @ x[growth])
+            shifts = shifts + columns[..., growth] @ x[growth]
+        by_moves: dict[Moved, Array] = {
+            "joints": by_joint,
+            "unknowns": columns,
+            "point": np.broadcast_to(np.eye(3), (len(observations), 3, 3)),
+            "frame": np.zeros((len(observations), 3, 6)),
+        }
+        by_effects = [
+            by_moves[effect.moves] @ basis
+            for effect, basis in zip(self.effects, bases, strict=True)
+        ]
+        return RobotPoints(
+            assembly=shift_points(assembly, shifts),
+            by=np.concatenate([columns, *by_effects], axis=2),
+            by_moves=by_moves,
+            frame_moves=moves["frame"],
+        )
+
+    # Moved frames turn the points. The tracker's errors are small: their columns times their
+    # unknowns are added to the predicted points.
+    def predict(
+        self, x: Array, frames: tuple[Transform, ...], observations: Observations, near: Array
+    ) -> Prediction:
+        """Predict all points in the tracker's frame and differentiate them by all unknowns.
+
+        `near` (N, t or more) are the plate's unknowns at which the assembly begins.
+        """
+        robot = self.robot_at(x, observations, near)
         turns, shifts = frames_of_shots(frames, observations.frame)
-        turned = (turns @ assembly.poses[:, :3, None])[..., 0]
-        columns = turns @ columns
-        predicted = turned + shifts
-        size = len(self.names)
+        if robot.frame_moves.any():
+            turns = rotations_by(MRAD * robot.frame_moves[:, :3]) @ turns
+            shifts = shifts + robot.frame_moves[:, 3:]
+        turned = (turns @ robot.assembly.poses[:, :3, None])[..., 0]
+        by, predicted = turns @ robot.by, turned + shifts
         for source, column in tracker_columns(observations.points).items():
             if source in self.names:
                 place = self.names.index(source)
-                columns[..., place] = column * self.tolerance[place]
-                predicted = predicted + x[place] * columns[..., place]
-        if changes is not None:
-            predicted = predicted + changes @ x[size:]
-            columns = np.concatenate([columns, changes], axis=2)
+                by[..., place] = column * self.tolerance[place]
+                predicted = predicted + x[place] * by[..., place]
+        by_moves = {moved: turns @ columns for moved, columns in robot.by_moves.items()}
+        by_moves["frame"] = frame_columns(turned)
+        for effect, where in zip(self.effects, self.effect_places, strict=True):
+            if effect.moves == "frame":
+                by[..., where] = by_moves["frame"] @ effect.basis(observations)
         by_frames = np.zeros((len(observations), 3, 6 * len(frames)))
         for number in range(len(frames)):
             rows = observations.frame == number
-            by_frames[rows, :, 6 * number : 6 * number + 6] = frame_columns(turned[rows])
-        return Linearised(
+            by_frames[rows, :, 6 * number : 6 * number + 6] = by_moves["frame"][rows]
+        return Prediction(
             x=x,
             frames=frames,
-            assembly=assembly,
+            assembly=robot.assembly,
             residual=predicted - observations.points,
-            jacobian=np.concatenate([columns, by_frames], axis=2),
-            by_joint=turns @ by_joint,
+            jacobian=np.concatenate([by, by_frames], axis=2),
+            by_moves=by_moves,
         )
+
+    def _moves(self, x: Array, bases: list[Array], observations: Observations) -> dict[str, Array]:
+        """Return the motions that all effects together give to each shot, by what they move."""
+        count, joints = observations.joints.shape
+        moves = {
+            "joints": np.zeros((count, joints)),
+            "unknowns": np.zeros((count, len(self.names))),
+            "point": np.zeros((count, 3)),
+            "frame": np.zeros((count, 6)),
+        }
+        for effect, where, basis in zip(self.effects, self.effect_places, bases, strict=True):
+            moves[effect.moves] += basis @ x[where]
+        return moves
+
+    def _assembled(
+        self, x: Array, moved: Array, observations: Observations, near: Array
+    ) -> tuple[Assembly, Array, Array]:
+        """Assemble and differentiate all shots, each with the unknowns that it had.
+
+        `moved` (N, P) are changes of unknowns: shots with equal changes are of one robot.
+        """
+        if not moved.any():
+            robot, assembly = self.positions(x, observations, near)
+            return assembly, *self.robot_columns(robot, observations, assembly.unknowns)
+        changes, of_robot = np.unique(moved, axis=0, return_inverse=True)
+        order, parts = [], []
+        for number, change in enumerate(changes):
+            rows = np.flatnonzero(of_robot.ravel() == number)
+            some = observations.rows(rows)
+            robot, assembly = self.positions(x[: len(self.names)] + change, some, near[rows])
+            columns, by_joint = self.robot_columns(robot, some, assembly.unknowns)
+            order.append(rows)
+            parts.append((assembly, columns, by_joint))
+        back = np.argsort(np.concatenate(order))
+        # robots without tilts have fewer unknowns: those of a level plate are 0
+        width = max(assembly.unknowns.shape[1] for assembly, _, _ in parts)
+        unknowns = [
+            np.pad(assembly.unknowns, ((0, 0), (0, width - assembly.unknowns.shape[1])))
+            for assembly, _, _ in parts
+        ]
+        together = Assembly(
+            np.concatenate(unknowns)[back],
+            np.concatenate([assembly.poses for assembly, _, _ in parts])[back],
+            np.concatenate([assembly.is_solved for assembly, _, _ in parts])[back],
+        )
+        columns = np.concatenate([columns for _, columns, _ in parts])[back]
+        return together, columns, np.concatenate([by_joint for _, _, by_joint in parts])[back]
 
 
 def shift_points(assembly: Assembly, shifts: Array) -> Assembly:
@@ -297,16 +462,14 @@ def moved_frames(frames: tuple[Transform, ...], step: Array) -> tuple[Transform,
 # Points farther off than six medians and 1 mm are left out three times, for a far point pulls the
 # first fit and hides others. The median does not follow them while they are fewer than half.
 def first_frames(
-    model: ErrorModel, observations: Observations, kept: Mask
+    observations: Observations, positions: Array, is_solved: Mask
 ) -> tuple[tuple[Transform, ...], Mask]:
     """Return the frames that fit the nominal robot best, and which shots are near its points.
 
-    Points far from the nominal robot are of a wrong target or pose. Raise `ValueError` for a
+    `positions` (N, 3) are the nominal robot's where it `is_solved`. Raise `ValueError` for a
     session of fewer than three shots, or of points on a line.
     """
-    _, assembly = model.positions(np.zeros(len(model.names)), observations, observations.near)
-    kept = kept & assembly.is_solved
-    positions = assembly.poses[:, :3]
+    kept = is_solved
     for _ in range(3):
         frames = tuple(
             fit_transform(positions[rows], observations.points[rows])
@@ -317,5 +480,5 @@ def first_frames(
         predicted = (turns @ positions[..., None])[..., 0] + shifts
         distance = np.linalg.norm(predicted - observations.points, axis=1)
         limit = GROSS_MEDIANS * np.median(distance[kept]) + 1.0
-        kept = kept & ~(distance > limit)
+        kept = is_solved & ~(distance > limit)
     return frames, kept

@@ -87,6 +87,19 @@ def rotation_by(vector_rad: Array) -> Array:
     return np.asarray(scipy.spatial.transform.Rotation.from_rotvec(vector_rad).as_matrix())
 
 
+# Rodrigues' formula R = 1 + sin φ [n] + (1 - cos φ) [n]², with sin φ / φ and (1 - cos φ) / φ² as
+# functions that are regular at φ = 0.
+def rotations_by(vectors_rad: Array) -> Array:
+    """Return the matrices (N, 3, 3) of rotation vectors (N, 3)."""
+    angle = np.linalg.norm(vectors_rad, axis=1)[:, None, None]
+    cross = np.zeros((len(vectors_rad), 3, 3))
+    x, y, z = vectors_rad.T
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
+    cross -= cross.swapaxes(1, 2)
+    half = np.sinc(0.5 * angle / np.pi)
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * half**2 * cross @ cross)
+
+
 def paper_angles_rad(transform: Transform) -> Array:
     """Return φ, γ, ψ of R(z, φ) R(y, γ) R(x, ψ) (paper eq. 23), (3,).
 

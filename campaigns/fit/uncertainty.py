@@ -15,16 +15,20 @@ with what remains, B, the variances of coordinates are the diagonal of B C B' (`
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 import scipy
 
 from campaigns.arrays import Array
-from campaigns.fit.error_model import frame_columns
+from campaigns.fit.effects import Layer, Moved
+from campaigns.fit.error_model import Observations, frame_columns
 from campaigns.fit.error_sources import TRACKER_SOURCES
-from campaigns.fit.posterior import Posterior
+from campaigns.fit.fit import Fit
 
+FORMER, SIZES = "former", "sizes"
+"""Rows of the budget: a former result as prior, and what the sizes of groups may be."""
 UNSEEN_TOLERANCES = 300.0
 """Tolerances along a direction by which all points together change by less than their noise, if it
 counts as undetermined."""
@@ -32,9 +36,9 @@ NAMED_SHARE = 0.08
 """Share of an undetermined combination from which a parameter is named as part of it."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class NullDirections:
-    """Combinations of unknowns that no shot determines: they stay at nominal."""
+    """Combinations of unknowns that no shot determines: priors alone say where they are."""
 
     vectors: Array
     """Orthonormal directions Z, (P, k), in tolerances."""
@@ -42,34 +46,45 @@ class NullDirections:
     """Names of the parameters of each combination; combinations of the tracker alone are left
     out."""
 
+    prior: Array
+    """Precision D of the unknowns before the shots, (P, P)."""
+
     @classmethod
-    def spanned_by(cls, vectors: Array, names: tuple[str, ...]) -> Self:
+    def spanned_by(cls, vectors: Array, names: tuple[str, ...], prior: Array) -> Self:
         """Return orthonormal directions (P, k) with the names of the unknowns in each."""
-        return cls(vectors, _name_combinations(vectors, names))
+        return cls(vectors, _name_combinations(vectors, names), prior)
+
+    @cached_property
+    def projector(self) -> Array:
+        """Projector S = 1 - Z (Z'DZ)⁻¹ Z'D to the datum, (P, P)."""
+        z = self.vectors
+        weighted = self.prior @ z
+        return np.asarray(np.eye(len(z)) - z @ np.linalg.solve(z.T @ weighted, weighted.T))
 
     def transform(self, x: Array) -> Array:
-        """Return unknowns (P,) in the datum in which these directions are held at nominal."""
-        return np.asarray(x - self.vectors @ (self.vectors.T @ x))
+        """Return unknowns (P,), or their derivatives (P, k), in the datum of these directions."""
+        return np.asarray(self.projector @ x)
 
     def transform_covariance(self, covariance: Array) -> Array:
-        """Return the covariance (P, P) of unknowns in the datum that holds these directions."""
-        projector = np.eye(len(self.vectors)) - self.vectors @ self.vectors.T
-        return np.asarray(projector @ covariance @ projector)
+        """Return the covariance (P, P) of unknowns in the datum of these directions."""
+        return np.asarray(self.projector @ covariance @ self.projector.T)
 
 
-# Changes in time are left out: they are events, and no part of the robot's datum. Priors are left
-# out as well, but for known lengths: a direction that a prior alone determines is undetermined.
-def null_directions(posterior: Posterior) -> NullDirections:
+# Changes in time are left out: they are events, and no part of the robot's datum. So are all other
+# effects. Priors are left out as well, but for known lengths: a direction that a prior alone
+# determines is undetermined.
+def null_directions(fit: Fit) -> NullDirections:
     """Return the directions that neither a shot nor a known length determines."""
-    size = len(posterior.model.names)
-    frames = slice(len(posterior.at.x), None)
-    jacobian = posterior.at.jacobian
+    size = len(fit.model.names)
+    frames = slice(len(fit.at.x), None)
+    jacobian = fit.at.jacobian
     rows = np.concatenate([jacobian[..., :size], jacobian[..., frames]], axis=2)
-    information = marginal_information(shot_information(rows, posterior.weights), size)
-    for source in posterior.measured:
-        place = posterior.model.names.index(source)
-        information[place, place] += posterior.prior[place, place]
-    return null_directions_of(information, posterior.model.names)
+    information = marginal_information(shot_information(rows, fit.weights), size)
+    for source in fit.measured:
+        place = fit.model.names.index(source)
+        information[place, place] += fit.precision[place, place]
+    prior = fit.precision[:size, :size]
+    return null_directions_of(information, fit.model.names, prior)
 
 
 def shot_information(jacobian: Array, weights: Array) -> Array:
@@ -89,10 +104,13 @@ def marginal_information(information: Array, size: int) -> Array:
 # An eigenvalue λ is the χ² by which all shots notice one tolerance along its eigenvector. Below
 # 1 / 300², 300 tolerances along it stay within the noise. With 60 shots of any mechanism exact null
 # directions lie below 3e-6 by rounding, the weakest ones that shots determine above 2e-5.
-def null_directions_of(information: Array, names: tuple[str, ...]) -> NullDirections:
-    """Return the directions along which information (P, P) is practically zero."""
+def null_directions_of(information: Array, names: tuple[str, ...], prior: Array) -> NullDirections:
+    """Return the directions along which information (P, P) is practically zero.
+
+    `prior` (P, P) is the precision of the unknowns before the shots.
+    """
     values, vectors = np.linalg.eigh(information)
-    return NullDirections.spanned_by(vectors[:, values < UNSEEN_TOLERANCES**-2], names)
+    return NullDirections.spanned_by(vectors[:, values < UNSEEN_TOLERANCES**-2], names, prior)
 
 
 # Eigenvectors mix all combinations. Reduced echelon form: QR with column pivoting picks the k rows
@@ -127,28 +145,51 @@ def position_std_mm(by: Array, covariance: Array) -> Array:
     return np.asarray(np.sqrt(((by @ covariance) * by).sum(axis=(1, 2))))
 
 
-# As C⁻¹ = A'WA + D and W = W (Σ φ_k V_k) W,
-#     C = C C⁻¹ C = C (Σ_k φ_k A'W V_k W A + Σ_g D_g) C
+# As C⁻¹ = w A'WA + D and W = W (Σ φ_k V_k) W,
+#     C = C C⁻¹ C = C (Σ_k φ_k w A'W V_k W A + Σ_g D_g) C
 # and each part k of the noise and each group g of priors has a term of its own in B C B'. A part's
-# term is the sum of squares of L'W A C B' with the Cholesky factor L L' = φ V; the 1e-18 mm² lets a
-# singular part, such as noise along the beam alone, be factored.
-def budget(posterior: Posterior, by: Array) -> Mapping[str, float]:
+# term is the sum of squares of √w L'W A C B' with the Cholesky factor L L' = φ V; the 1e-18 mm² let
+# a singular part, such as noise along the beam alone, be factored. A former result is one prior of
+# all unknowns, whose rows are no sources by themselves. Unknown sizes have the rest of B C B'.
+def budget(fit: Fit, by: Array) -> Mapping[str, float]:
     """Return the mean squares (mm²) that each source gives to positions with derivatives `by`.
 
-    `by` (M, 3, P) have the frame's motion removed. The shares add up exactly to the mean square of
-    `position_std_mm`.
+    `by` (M, 3, P) are by all unknowns but frames, with the frame's motion removed. The shares add
+    up exactly to the mean square of `position_std_mm`.
     """
-    size, covariance = len(posterior.model.names), posterior.covariance
-    influence = by.reshape(-1, size) @ covariance[:size]  # B C
-    weighted = posterior.weights @ posterior.at.jacobian  # W A, (N, 3, Q)
-    points, shares = len(by), {}
-    for part, factor in posterior.components.factors.items():
-        noise = np.linalg.cholesky(factor * posterior.noise[part] + 1e-18 * np.eye(3))
-        rows = (noise.swapaxes(1, 2) @ weighted).reshape(-1, len(covariance))
-        shares[part] = float(((rows @ influence.T) ** 2).sum()) / points
-    groups = (*posterior.model.groups, *("changes",) * (len(posterior.at.x) - size))
+    model, size, points = fit.model, fit.model.size, len(by)
+    rows = by.reshape(-1, size)
+    influence = rows @ fit.inverse[:size]  # B C
+    weighted = (fit.good**0.5)[:, None, None] * (fit.inverse_noise @ fit.at.jacobian)
+    shares = {}
+    for part in fit.noise:
+        noise = np.linalg.cholesky(fit.factors[part] * fit.noise[part] + 1e-18 * np.eye(3))
+        of_part = (noise.swapaxes(1, 2) @ weighted).reshape(-1, len(fit.inverse))
+        shares[part] = float(((of_part @ influence.T) ** 2).sum()) / points
+    is_former = fit.prior.precision is not None
+    groups = [FORMER] * len(model.names) if is_former else [*model.groups]
+    groups += [effect.source for effect in model.effects for _ in range(effect.count)]
     for group in dict.fromkeys(groups):
         places = [place for place, member in enumerate(groups) if member == group]
-        share = influence[:, places] @ posterior.prior[np.ix_(places, range(len(covariance)))]
-        shares[group] = float((share * influence).sum()) / points
+        share = influence[:, places] @ fit.precision[np.ix_(places, range(len(fit.inverse)))]
+        shares[group] = shares.get(group, 0.0) + float((share * influence).sum()) / points
+    if fit.spread is not None:
+        spread = (rows @ fit.spread[:size, :size]) * rows
+        shares[SIZES] = float(spread.sum()) / points
     return shares
+
+
+# Between shots a layer keeps the part of its variance that its functions there do not explain.
+def unseen_covariances(
+    fit: Fit, by_moves: Mapping[Moved, Array], observations: Observations
+) -> Array:
+    """Return the covariance (N, 3, 3) of points by what layers may be between the shots, mm²."""
+    covariance = np.zeros((len(observations), 3, 3))
+    for layer in fit.model.effects:
+        if not isinstance(layer, Layer):
+            continue
+        sizes = [layer.usual * fit.sizes[group] for group, _ in layer.sizes_of]
+        by = by_moves[layer.moves] * np.resize(sizes, by_moves[layer.moves].shape[2])
+        shares = layer.unseen_share(observations)[:, None, :]
+        covariance += (by * shares) @ by.swapaxes(1, 2)
+    return covariance

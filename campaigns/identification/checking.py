@@ -5,17 +5,15 @@ campaign: the posterior of the last identification is the prior of the new shots
 
 1. Widen that prior by the usual drift of each part until a later day (settling screws, homing).
 2. Fit the new shots with it. Their frame is free, so the tracker may stand anywhere.
-3. Ask for each part of each arm how much better a change of that part explains the shots than no
-   change: its log Bayes factor. The robot has changed if the mean factor over all parts exceeds
-   1 / `ALARM`, which by Markov's inequality happens to an unchanged robot with at most that
-   probability. Parts that explain the change nearly as well are named together.
+3. Let changes of parts and wrong shots compete by evidence, as `identify` does. Parts that explain
+   a change nearly as well are named together; a wrong shot is to be measured again.
 4. Where no part explains the shots, χ² still shows whether they contradict the last result.
 
 For an update the parts that changed get a wide prior, and the same fit is the new result.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -24,18 +22,18 @@ from pydantic import JsonValue
 from campaigns.arrays import Array
 from campaigns.errors import IdentificationRefused
 from campaigns.evaluation.decision import Decision
-from campaigns.fit.changes import (
-    ALARM,
-    ENCODER_RAD,
-    PARTS,
-    STEP_MM,
-    likely_parts,
-    log_factors_since_prior,
-)
+from campaigns.fit.effects import ENCODER_RAD, PARTS, STEP_MM
 from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
-from campaigns.fit.posterior import Posterior, Prior, fit
+from campaigns.fit.events import (
+    add_changes_since_prior,
+    log_factors_since_prior,
+    steps_of,
+    visible_changes,
+)
+from campaigns.fit.fit import Fit, Prior, fit_model
 from campaigns.fit.uncertainty import NullDirections
+from campaigns.identification.findings import part_words
 from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import StoredPosterior
@@ -81,6 +79,8 @@ class CheckResult:
     p: float
     parts: tuple[str, ...] = ()
     """Parts that may have changed, the likeliest first; empty for an unchanged robot."""
+    wrong: tuple[int, ...] = ()
+    """Numbers of the shots that contradict all others."""
     log_factors: Mapping[str, float]
     """Log Bayes factor of a change of each part."""
 
@@ -102,12 +102,14 @@ def read_check(body: Mapping[str, JsonValue]) -> RecordedCheck:
     return read_body(body, RecordedCheck, "check", remedy)
 
 
-def former_datum(former: StoredPosterior, model: ErrorModel) -> NullDirections:
-    """Return the directions that stay at nominal in a former result: an update keeps its datum."""
+def former_datum(former: StoredPosterior, fit: Fit) -> NullDirections:
+    """Return the directions that priors alone determine in a former result; updates keep them."""
+    model, size = fit.model, len(fit.model.names)
     order, scale = _places_in(former, model)
-    vectors = np.array(former.undetermined).reshape(-1, len(order)).T[order] * scale[:, None]
+    vectors = np.array(former.undetermined).reshape(-1, len(former.names)).T[order]
     # Tolerances may differ from the former ones: rescaled directions are no longer orthonormal.
-    return NullDirections.spanned_by(np.linalg.qr(vectors)[0], model.names)
+    directions = np.linalg.qr(vectors * scale[:, None])[0]
+    return NullDirections.spanned_by(directions, model.names, fit.precision[:size, :size])
 
 
 def _drift(model: ErrorModel, changed: Sequence[str]) -> Array:
@@ -134,28 +136,36 @@ def fit_with_former(
     former: StoredPosterior,
     options: IdentificationOptions,
     changed: Sequence[str] = (),
-) -> Posterior:
+) -> Fit:
     """Fit new shots with a former result as prior, widened by the usual drift of each part.
 
-    The prior of `changed` parts is widened by the usual size of such a change instead. Raise
-    `IdentificationRefused` if the former result has other unknowns.
+    The prior of `changed` parts is widened by the usual size of such a change instead. Parameters
+    that the former result held stay held. Raise `IdentificationRefused` if the robot has other
+    parameters than the former result.
     """
     model = error_model(nominal, shots, options)
-    if set(former.names) != set(model.names):
+    table = nominal.mechanism.parameters
+    # what was held then, and growth where the new shots have no temperatures, is held now
+    new = set(model.names) - set(former.names)
+    if not {*former.names} <= {*table.select(), *TRACKER_SOURCES}:
         raise IdentificationRefused(
             "the last result has other unknowns than this robot",
-            remedy="run `pkmcal identify DIR` again, without --fix, and check by that result",
+            remedy="run `pkmcal identify DIR` again, and check by that result",
         )
+    model = replace(model, held=frozenset(model.held) | new)
     near = nominal.forward(shots.joints, approach=shots.approach).values_or_raise()
-    # The former covariance, in the order and the tolerances of now, plus the drift's variance.
-    # Its inverse replaces the tolerances as precision. The former noise factors are taken as they
-    # are, not estimated again from a few shots.
+    # The former covariance, in the order and the tolerances of now, plus the drift's variance: a
+    # part of it is the covariance of those unknowns whatever the others are. Its inverse replaces
+    # the tolerances as precision. The former noise factors are taken as they are, not estimated
+    # again from a few shots.
     order, scale = _places_in(former, model)
     covariance = np.array(former.covariance)[np.ix_(order, order)] * np.outer(scale, scale)
     covariance = covariance + np.diag((_drift(model, changed) / model.tolerance) ** 2)
     precision = np.asarray(np.linalg.inv(covariance))
-    prior = Prior(_mean(former, model), precision, former.factors)
-    return fit(model, observations_of(shots, near, options), prior)
+    mean = np.array(former.mean)[order] * scale
+    return fit_model(
+        model, observations_of(shots, near, options), Prior(mean, precision, former.factors)
+    )
 
 
 def check(
@@ -168,21 +178,27 @@ def check(
             decision="not decided", says=says, shots=len(shots), chi2=0.0, dof=0, p=1.0,
             log_factors={},
         )  # fmt: skip
-    posterior = fit_with_former(nominal, shots, former, options)
-    factors = log_factors_since_prior(posterior)
-    # Mean of the Bayes factors, not of their logarithms: Markov's inequality is about the mean.
-    values = np.array(list(factors.values()))
-    log_mean = float(scipy.special.logsumexp(values) - np.log(len(values)))
-    misfit = misfit_of(posterior, former)
-    parts = likely_parts(factors)
+    unchanged = fit_with_former(nominal, shots, former, options)
+    fit = add_changes_since_prior(unchanged)
+    parts = tuple(part for step in steps_of(fit) for part in step.parts)
+    wrong = [shots.numbers[row] for row in np.flatnonzero(~fit.kept).tolist()]
+    misfit = misfit_of(fit)
     decision: Decision = "fail"
-    if log_mean > -np.log(ALARM):
-        says = f"the robot has changed: most likely {' or '.join(parts)}"
+    if parts:
+        says = f"the robot has changed: most likely {' or '.join(map(part_words, parts))}"
     elif misfit.is_significant:
         says = "the shots contradict the last result, and no single part explains them"
+    elif wrong:
+        decision = "not decided" if len(wrong) == 1 else "fail"
+        says = (
+            f"{_shots_words(wrong)} all others: measure {'it' if len(wrong) == 1 else 'them'} again"
+        )
     else:
         decision = "pass"
         says = "the robot is as it was identified, within what these shots show"
+        seen = ", ".join(_visible_changes(fit))
+        if seen:
+            says += f": they would have shown {seen}"
     return CheckResult(
         decision=decision,
         says=f"{says} {misfit.in_words()}",
@@ -190,29 +206,41 @@ def check(
         chi2=misfit.chi2,
         dof=misfit.dof,
         p=misfit.p,
-        parts=parts if decision == "fail" else (),
-        log_factors=factors,
+        parts=parts,
+        wrong=tuple(wrong),
+        log_factors=log_factors_since_prior(unchanged),
     )
 
 
-def misfit_of(posterior: Posterior, former: StoredPosterior) -> Misfit:
+def _shots_words(numbers: Sequence[int]) -> str:
+    """Say which shots contradict: `shot 5 contradicts`, `shots 3 and 5 contradict`."""
+    if len(numbers) == 1:
+        return f"shot {numbers[0]} contradicts"
+    return f"shots {', '.join(map(str, numbers[:-1]))} and {numbers[-1]} contradict"
+
+
+def _visible_changes(fit: Fit) -> Iterator[str]:
+    """Yield the smallest change of each kind of part that would have been found, of any arm."""
+    for word, size in visible_changes(fit).items():
+        in_degrees = word == "encoder" and fit.model.is_revolute
+        yield f"{word} {np.degrees(size):.2g}°" if in_degrees else f"{word} {size:.2g} mm"
+
+
+def misfit_of(fit: Fit) -> Misfit:
     """Return the misfit of new shots and of the former result to each other."""
     # Both terms of the minimised sum count: residuals of the shots by their weights, and how far
     # the unknowns had to leave the former result, by its precision. The prior counts as one
-    # observation for each unknown, so of the 3 N coordinates only the frame's six are used up.
-    residual = posterior.at.residual
-    deviation = posterior.x - _mean(former, posterior.model)
-    chi2 = float(np.einsum("ni,nij,nj->", residual, posterior.weights, residual))
-    size = len(deviation)
-    chi2 += float(deviation @ posterior.prior[:size, :size] @ deviation)
-    dof = 3 * len(residual) - 6
+    # observation for each unknown, so of the 3 N coordinates only the frame's six are used up, and
+    # those of changes.
+    if fit.prior.mean is None:
+        raise ValueError("the fit has no former result as prior")
+    residual, size = fit.at.residual, len(fit.model.names)
+    deviation = fit.x - fit.prior.mean
+    chi2 = float(np.einsum("ni,nij,nj->", residual, fit.weights, residual))
+    chi2 += float(deviation @ fit.precision[:size, :size] @ deviation)
+    used = 6 + sum(step.count for step in steps_of(fit))
+    dof = max(3 * int(fit.kept.sum()) - used, 1)
     return Misfit(chi2, dof, float(scipy.special.chdtrc(dof, chi2)))
-
-
-def _mean(former: StoredPosterior, model: ErrorModel) -> Array:
-    """Return a former result's mean (P,) in the model's order and tolerances."""
-    order, scale = _places_in(former, model)
-    return np.asarray(np.array(former.mean)[order] * scale)
 
 
 def _places_in(former: StoredPosterior, model: ErrorModel) -> tuple[list[int], Array]:

@@ -11,12 +11,14 @@ sure one: an unknown that the shots hardly determine stays near zero with a wide
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
+from campaigns.arrays import Array
 from campaigns.evaluation.decision import COVERAGE, Decision
 from campaigns.evaluation.region import FARTHER_OFF, Region
-from campaigns.fit.changes import FRAME, SHOT, Change
+from campaigns.fit.effects import FRAME, Effect, Lag, Layer, Ripple, Walk
 from campaigns.fit.error_sources import (
     ARCMIN,
     SCATTER_TOLERANCE_MM,
@@ -24,7 +26,8 @@ from campaigns.fit.error_sources import (
     TRACKER_SOURCES,
     scatter_tolerance_of_joints,
 )
-from campaigns.fit.posterior import Posterior
+from campaigns.fit.events import Event
+from campaigns.fit.fit import Fit
 from campaigns.fit.uncertainty import NullDirections
 from campaigns.kinematics.parameters import SIGNS
 
@@ -38,6 +41,10 @@ HOLD_OUT_LEVEL = 1e-3
 """Probability of a larger χ² of hold-out pairs below which their errors contradict σ."""
 MOST_WRONG_SHOTS = 0.1
 """Share of shots left out beyond which they are no single mistakes."""
+MOST_NAMED = 6
+"""Shots that a finding names; it counts the others."""
+NAMED_LOG_ODDS = float(np.log(100.0))
+"""Log odds from which an effect that corrects the result is reported as its cause."""
 BEYOND_TOLERANCE = "beyond-tolerance"
 CHANGE = "change"
 WRONG_SHOTS = "wrong-shots"
@@ -49,6 +56,8 @@ NOTHING_UNSEEN = "nothing-unseen"
 NOT_TAKEN = "unseen-not-taken"
 WORSE = "unseen-worse"
 NOT_ARRIVED = "not-arrived"
+CONTRADICTS = "contradicts-former"
+STAND, PERIOD, LAG, LAYER = "stand", "period", "lag", "unexplained"
 KNOWN_LENGTH = "known-length"
 ACCEPTABLE = (BEYOND_TOLERANCE,)
 """Findings with which a result may be taken nevertheless, by `--force`."""
@@ -84,7 +93,7 @@ class HoldOut:
     chi2: float
     p: float
     ratio: float
-    """Rms of the pairs' errors over the rms that the posterior states."""
+    """Rms of the pairs' errors over the rms that the fit states."""
 
     @property
     def believable(self) -> bool:
@@ -97,30 +106,30 @@ class HoldOut:
         return 1.0 if self.believable else max(1.0, self.ratio)
 
 
-def tolerance_findings(posterior: Posterior, null: NullDirections) -> Iterator[Finding]:
+def tolerance_findings(fit: Fit, null: NullDirections) -> Iterator[Finding]:
     """Yield a finding for each group with an unknown that is surely far outside its tolerance.
 
     Directions `null` that no shot determines are held at nominal, so nothing is far off there.
     """
     # Unknowns and σ are in tolerances, so one limit holds for mm, rad and ratios. A group gives one
     # finding, by its worst unknown, which counts the others.
-    model = posterior.model
-    x = null.transform(posterior.x)
-    std = np.sqrt(np.maximum(np.diag(null.transform_covariance(posterior.model_covariance)), 0.0))
+    model = fit.model
+    x = null.transform(fit.model.of_today @ fit.at.x)
+    matrix, size = model.of_today, model.size
+    covariance = null.transform_covariance(matrix @ fit.covariance[:size, :size] @ matrix.T)
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     excess = np.abs(x) - SURE_SIGMAS * std - FAR_TOLERANCES
     groups = np.array(model.groups)
     for group in dict.fromkeys(model.groups):
         places = np.flatnonzero((groups == group) & (excess > 0.0))
         if len(places):
             worst = int(places[excess[places].argmax()])
-            yield _beyond_tolerance(posterior, worst, x[worst], std[worst], len(places) - 1)
+            yield _beyond_tolerance(fit, worst, x[worst], std[worst], len(places) - 1)
 
 
-def _beyond_tolerance(
-    posterior: Posterior, place: int, x: float, std: float, others: int
-) -> Finding:
+def _beyond_tolerance(fit: Fit, place: int, x: float, std: float, others: int) -> Finding:
     """Name an unknown with its value and 1 σ in tolerances, and count the `others` of its group."""
-    model = posterior.model
+    model = fit.model
     name, source = model.names[place], SOURCES[model.groups[place]]
     is_of_tracker = name in TRACKER_SOURCES
     words = source.words if is_of_tracker else model.nominal.mechanism.parameters[name].words
@@ -136,11 +145,11 @@ def _beyond_tolerance(
     return Finding(BEYOND_TOLERANCE, says, "fail", numbers)
 
 
-def scatter_findings(posterior: Posterior) -> Iterator[Finding]:
+def scatter_findings(fit: Fit) -> Iterator[Finding]:
     """Yield a finding where points or joints scatter beyond any robot that repeats."""
     # The fit would explain any nonsense as scatter, for its size is estimated. No robot repeats so
     # badly: joints and points do not belong together.
-    (point, joint), axis = posterior.scatter, posterior.model.nominal.mechanism.joints[0]
+    (point, joint), axis = fit.scatter, fit.model.nominal.mechanism.joints[0]
     limit = scatter_tolerance_of_joints(revolute=axis.is_revolute)
     remedy = (
         "joints and points may be of different instants, angles in degrees and minutes, or of "
@@ -156,62 +165,179 @@ def scatter_findings(posterior: Posterior) -> Iterator[Finding]:
         yield Finding(SCATTER, says, "fail", {"joints": size})
 
 
-def change_findings(
-    changes: Sequence[Change], numbers: Sequence[int], *, revolute: bool
-) -> Iterator[Finding]:
-    """Yield a finding for each change in time, and one for the shots that went wrong.
+# A layer of several directions has as many sizes: what it moves at the shots is what counts.
+def effect_findings(fit: Fit) -> Iterator[Finding]:
+    """Yield a finding for each effect on the whole campaign that is likely or large.
 
-    `numbers` are the numbers of the fitted shots in the order of time.
+    These are a stand that moved slowly, gears with a period, joints read too early, and an error
+    for which the table has no source.
     """
-    # Single wrong shots have no weight and only are reported. Above a share they fail the result:
-    # so many mistakes have a cause of their own.
-    wrong = [change for change in changes if change.part == SHOT]
+    for effect, where in zip(fit.model.effects, fit.model.effect_places, strict=True):
+        if isinstance(effect, Walk):
+            yield from _stand_finding(fit, effect, where)
+        elif isinstance(effect, Layer):
+            yield from _layer_finding(fit, effect, where)
+        elif isinstance(effect, Ripple) and log_odds_of(fit, effect, where) > NAMED_LOG_ODDS:
+            yield _period_finding(fit, effect, where)
+        elif isinstance(effect, Lag) and log_odds_of(fit, effect, where) > NAMED_LOG_ODDS:
+            share = float(np.abs(fit.at.x[where]).max()) * effect.usual
+            says = (
+                f"the joints were read {100 * share:.2g} % of their way before they arrived: wait "
+                "longer before the joints are read; the result is corrected for it"
+            )
+            yield Finding(LAG, says, None, {"share": share})
+
+
+# Savage-Dickey ratio: the Bayes factor of an effect is the prior's density at z = 0 over the
+# fit's. With prior N(0, ρ²) and fit N(z, C) that is log B = ½ z'C⁻¹z + ½ log |C / ρ²|.
+def log_odds_of(fit: Fit, effect: Effect, where: slice) -> float:
+    """Return the log fit odds of an effect against none, by its unknowns' fit."""
+    z, covariance = fit.at.x[where], fit.inverse[where, where]
+    sizes = np.array(
+        [fit.sizes.get(group, 1.0) for group, count in effect.sizes_of for _ in range(count)]
+    )
+    gain = z @ np.linalg.solve(covariance, z) + np.linalg.slogdet(covariance)[1]
+    return float(0.5 * gain - np.log(sizes).sum() + effect.log_odds)
+
+
+def _moved_mm(fit: Fit, where: slice) -> Array:
+    """Return how far the effect with these unknowns moves the points of the shots, (N, 3)."""
+    return np.asarray(fit.at.jacobian[..., where] @ fit.at.x[where])
+
+
+def _stand_finding(fit: Fit, effect: Walk, where: slice) -> Iterator[Finding]:
+    if fit.sizes[effect.name] < FAR_TOLERANCES:
+        return
+    rows = fit.observations.frame == effect.session
+    moved = _moved_mm(fit, where)[rows]
+    travel = float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max() * 2.0)
+    says = (
+        f"the tracker's stand or the robot's base moved slowly, by up to {travel:.2g} mm: the "
+        "result is corrected for it; let stand and tracker warm up"
+    )
+    yield Finding(STAND, says, None, {"mm": travel, "session": float(effect.session)})
+
+
+def _layer_finding(fit: Fit, effect: Layer, where: slice) -> Iterator[Finding]:
+    size = float(np.linalg.norm(_moved_mm(fit, where), axis=1).max())
+    is_large = size > SCATTER_TOLERANCE_MM
+    if not is_large and log_odds_of(fit, effect, where) <= NAMED_LOG_ODDS:
+        return
+    by = "the place in the workspace" if effect.kind == "place" else "the angles of the arms"
+    says = f"an error of up to {size:.2g} mm depends on {by}, and no known source explains it"
+    if is_large:
+        says += (
+            f"; limit {SCATTER_TOLERANCE_MM:g} mm: look for a part that is bent, loose or pulled"
+        )
+    else:
+        says += ": `correct` follows it, a set of parameters cannot"
+    yield Finding(LAYER, says, "fail" if is_large else None, {"mm": size, "of": effect.kind})
+
+
+def _period_finding(fit: Fit, effect: Ripple, where: slice) -> Finding:
+    axis = fit.model.nominal.mechanism.joints[0]
+    amplitudes = np.hypot(*np.reshape(fit.at.x[where][:-1], (-1, 2)).T) * effect.usual
+    worst = float(amplitudes.max())
+    rate_std = effect.rate_std * float(np.sqrt(fit.covariance[where, where][-1, -1]))
+    which = "all arms" if len(effect.arms) > 1 else f"arm {effect.arms[0]}"
+    if axis.is_revolute:
+        size = f"{worst / ARCMIN:.2g}′"
+        period = f"{effect.rate:.4g} ± {COVERAGE * rate_std:.1g} periods a turn"
+    else:
+        length = 2.0 * np.pi / effect.rate
+        size = f"{worst:.2g} mm"
+        period = f"a period of {length:.4g} ± {COVERAGE * rate_std * length / effect.rate:.1g} mm"
+    says = f"the drives of {which} ripple by up to {size} with {period}: the result is corrected"
+    return Finding(PERIOD, says, None, {"rate": effect.rate, "amplitude": worst})
+
+
+def change_findings(
+    events: Sequence[Event], numbers: Sequence[int], *, revolute: bool
+) -> Iterator[Finding]:
+    """Yield a finding for each change of a part in time.
+
+    `numbers` are the numbers of all shots in the order of time.
+    """
+    for event in events:
+        if event.kind == "change":
+            yield _change_finding(event, numbers, revolute=revolute)
+
+
+# Single wrong shots have no weight and only are reported. Above a share they fail the result: so
+# many mistakes have a cause of their own. So do shots left out that lie together.
+def left_out_findings(
+    events: Sequence[Event], numbers: Sequence[int], pattern: Literal["series", "region"] | None
+) -> Iterator[Finding]:
+    """Yield a finding for the shots left out, and what they have in common."""
+    wrong = [event for event in events if event.kind == "wrong shot"]
+    without = [event for event in events if event.kind == "no assembly"]
+    if not wrong and not without:
+        return
+    count, share = len(wrong) + len(without), (len(wrong) + len(without)) / len(numbers)
+    says = []
     if wrong:
-        named = ", ".join(map(str, sorted(numbers[change.since] for change in wrong)[:6]))
-        worst = max(change.size for change in wrong)
-        share = len(wrong) / len(numbers)
-        is_many = share > MOST_WRONG_SHOTS
-        says = f"left out: shots {named} contradict all others, by {worst:.3f} mm at most"
-        if is_many:
-            limit = f"limit {100 * MOST_WRONG_SHOTS:.0f} %"
-            says += f"; {100 * share:.0f} % are no single mistakes ({limit})"
-        yield Finding(WRONG_SHOTS, says, "fail" if is_many else None, {"count": float(len(wrong))})
-    for change in changes:
-        if change.part != SHOT:
-            yield _change_finding(change, numbers, revolute=revolute)
+        worst = max(event.size for event in wrong)
+        says.append(
+            f"left out: {_shots_words(wrong)} contradict{'s' * (len(wrong) == 1)} all others, by "
+            f"{worst:.3f} mm at most"
+        )
+    if without:
+        says.append(f"no assembly of the robot has the joints of {_shots_words(without)}")
+    decision: Decision | None = None
+    if share > MOST_WRONG_SHOTS:
+        decision = "fail"
+        limit = f"limit {100 * MOST_WRONG_SHOTS:.0f} %"
+        says.append(f"{100 * share:.0f} % are no single mistakes ({limit})")
+    if pattern == "series":
+        says.append("they are a series of wrong shots: look for what happened then")
+    elif pattern == "region":
+        decision = "fail"
+        says.append("they lie together in the workspace: the model fails there")
+    if decision is None:
+        says.append("measure again")
+    yield Finding(WRONG_SHOTS, "; ".join(says), decision, {"count": float(count)})
 
 
-def _change_finding(change: Change, numbers: Sequence[int], *, revolute: bool) -> Finding:
+def _shots_words(events: Sequence[Event]) -> str:
+    """Name some shots: `shot 7`, `shots 3, 7 and 12 more`."""
+    numbers = sorted(event.first for event in events)
+    if len(numbers) == 1:
+        return f"shot {numbers[0]}"
+    named, more = numbers[:MOST_NAMED], len(numbers) - MOST_NAMED
+    return f"shots {', '.join(map(str, named))}" + (f" and {more} more" if more > 0 else "")
+
+
+def _change_finding(event: Event, numbers: Sequence[int], *, revolute: bool) -> Finding:
     """Say which parts changed between which shots, by how much, and what to do."""
-    # Rows of the fit become the operator's shot numbers. A change that ends before the last shot
-    # was taken back: the shots within it are measured again. One that stays divides the campaign:
-    # the robot of today is the one after it.
-    before, first = numbers[change.since - 1], numbers[change.since]
-    in_degrees = change.part.startswith("encoder") and revolute
+    # A change that ends before the last shot was taken back: the shots within it are measured
+    # again. One that stays divides the campaign: the robot of today is the one after it.
+    first, last = event.first, event.last
+    before = numbers[max(numbers.index(first) - 1, 0)]
+    in_degrees = event.parts[0].startswith("encoder") and revolute
     scale, unit = (float(np.degrees(1.0)), "°") if in_degrees else (1.0, " mm")
-    size = f"{scale * change.size:+.3g} ± {COVERAGE * scale * change.std:.2g}{unit}"
-    parts = " or ".join(_part_words(part) for part in change.parts)
-    was_taken_back = change.until < len(numbers)
+    size = f"{scale * event.size:+.3g} ± {COVERAGE * scale * event.std:.2g}{unit}"
+    parts = " or ".join(part_words(part) for part in event.parts)
     where = f"between shots {before} and {first}"
-    if was_taken_back:
-        where = f"from shot {first} to {numbers[change.until - 1]}"
+    if not event.is_lasting:
+        where = f"from shot {first} to {last}"
     remedy = f"mend it, and identify from the shots after it alone, --only-shots {first}-"
-    if change.part == FRAME:
+    if event.parts[0] == FRAME:
         remedy = (
-            "measure these shots again" if was_taken_back else
             f"if it was between two sessions, --sessions; else --only-shots {first}-"
+            if event.is_lasting else "measure these shots again"
         )  # fmt: skip
     says = f"{parts} changed {where}, by {size}: {remedy}"
     numbers_of: dict[str, float | str] = {
-        "part": change.part, "after_shot": float(before), "before_shot": float(first),
-        "size": scale * change.size, "U": COVERAGE * scale * change.std,
+        "part": event.parts[0], "after_shot": float(before), "before_shot": float(first),
+        "size": scale * event.size, "U": COVERAGE * scale * event.std,
     }  # fmt: skip
-    if was_taken_back:
-        numbers_of["last_shot"] = float(numbers[change.until - 1])
+    if not event.is_lasting:
+        numbers_of["last_shot"] = float(last)
     return Finding(CHANGE, says, "fail", numbers_of)
 
 
-def _part_words(part: str) -> str:
+def part_words(part: str) -> str:
+    """Name a part for people: `arm 2's encoder`."""
     if part == FRAME:
         return "the tracker's stand or the robot's base"
     kind, _, arm = part.partition(" ")

@@ -6,18 +6,18 @@ be off. χ² of all pairs by that covariance tests the model; the ratio of real 
 widens σ of positions where the test fails.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Collection
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.fit.error_model import Observations
-from campaigns.fit.posterior import Posterior, noise_parts
+from campaigns.fit.fit import Fit, noise_parts
 from campaigns.fit.rigid_transforms import directions, distances_mm
+from campaigns.fit.uncertainty import unseen_covariances
 from campaigns.identification.findings import HoldOut
-from campaigns.identification.observations import observations_of
-from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import Excluded, ResidualTable
 from campaigns.kinematics.mechanism import KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
@@ -53,25 +53,27 @@ class UnseenPairs:
 
 
 def unseen_pairs(
-    posterior: Posterior,
+    fit: Fit,
     shots: Shots,
     at_nominal: KinematicSolution,
     identified: KinematicSolution,
-    options: IdentificationOptions,
+    observations: Observations,
+    left_out: Collection[int],
 ) -> UnseenPairs:
     """Compare the measured distances of the validation pairs with those of the identified robot.
 
-    `at_nominal` and `identified` hold the poses of all shots by both robots. With a frame for each
-    session, both shots of a pair must be of one session that was fitted.
+    `at_nominal` and `identified` hold the poses of all shots by both robots, `observations` are of
+    all shots, `left_out` are the numbers of wrong ones. Both shots of a pair must be of one session
+    that was fitted.
     """
-    # Where the nominal robot already cannot be assembled, a pair is not counted. Where only the
-    # identified robot cannot, the pair contradicts the result and is reported as lost.
+    # Where the nominal robot already cannot be assembled, a pair is not counted, nor is one with a
+    # wrong shot. Where only the identified robot cannot, the pair contradicts the result and is
+    # reported as lost.
     pairs = shots.whole_pairs(ShotSet.VALIDATION).rows
-    usable = at_nominal.is_solved[pairs].all(axis=1)
-    if options.sessions:
-        session = shots.session[pairs]
-        sessions = shots.session[shots.rows_of(ShotSet.IDENTIFICATION)]
-        usable &= (session[:, 0] == session[:, 1]) & np.isin(session[:, 0], sessions)
+    is_wrong = np.isin(np.array(shots.numbers), list(left_out))
+    usable = at_nominal.is_solved[pairs].all(axis=1) & ~is_wrong[pairs].any(axis=1)
+    frame = observations.frame[pairs]
+    usable &= (frame[:, 0] == frame[:, 1]) & (frame[:, 0] >= 0)
     can_be_taken = identified.is_solved[pairs].all(axis=1)
     lost = tuple(
         Excluded("the identified robot cannot be assembled there", pair=shots.pairs[row])
@@ -80,9 +82,40 @@ def unseen_pairs(
     rows = pairs[usable & can_be_taken]
     if not len(rows):
         return UnseenPairs(rows, None, None, lost)
-    table = distance_errors(shots, rows, at_nominal.values, identified.values)
-    test = _test_distances(posterior, shots, at_nominal.values, rows, options)
-    return UnseenPairs(rows, table, test, lost)
+    return _predicted_pairs(fit, shots, at_nominal.values, rows, observations, lost)
+
+
+def _predicted_pairs(
+    fit: Fit,
+    shots: Shots,
+    near: Array,
+    rows: Index,
+    observations: Observations,
+    lost: tuple[Excluded, ...],
+) -> UnseenPairs:
+    """Predict the distances of pairs (M, 2), with their covariance by parameters and points."""
+    # 1. Predict the points of the pairs at the identified unknowns, effects included.
+    # 2. Project the residuals of both points on the line between them: the distance's error.
+    # 3. Propagate the covariance of the unknowns and the noise of the points to the distances.
+    # 4. χ² by the full covariance, since all pairs have the parameters' errors in common.
+    used, places = np.unique(rows, return_inverse=True)  # pairs may share a shot
+    unseen, model = observations.rows(used), fit.model
+    at = model.predict(fit.at.x, fit.at.frames, unseen, unseen.near)
+    by_points = _distances_by_points(unseen.points, places.reshape(rows.shape))
+    errors = (by_points * at.residual).sum(axis=(1, 2))
+    by_unknowns = np.einsum("mnk,nkq->mq", by_points, at.jacobian)
+    covariance = by_unknowns @ fit.covariance @ by_unknowns.T
+    parts = noise_parts(model, unseen, at.by_joint).items()
+    noise = sum(fit.factors.get(part, 1.0) * part_covariance for part, part_covariance in parts)
+    noise = noise + unseen_covariances(fit, at.by_moves, unseen)
+    covariance += np.einsum("ank,nkl,bnl->ab", by_points, noise, by_points, optimize=True)
+    chi2 = float(errors @ np.linalg.solve(covariance, errors))
+    p = float(scipy.special.chdtrc(len(rows), chi2))
+    ratio = float(np.sqrt((errors**2).sum() / np.trace(covariance)))
+    before = distances_mm(near[:, :3], rows[:, 0], rows[:, 1]) - shots.measured_distances_mm(rows)
+    numbers = [shots.pairs[row] or 0 for row in rows[:, 0].tolist()]
+    table = ResidualTable.from_arrays("pairs", numbers, before[:, None], errors[:, None])
+    return UnseenPairs(rows, table, HoldOut(len(rows), chi2, p, ratio), lost)
 
 
 def distance_errors(shots: Shots, rows: Index, before: Array, after: Array) -> ResidualTable:
@@ -96,44 +129,6 @@ def distance_errors(shots: Shots, rows: Index, before: Array, after: Array) -> R
     return ResidualTable.from_arrays("pairs", numbers, *errors)
 
 
-def _test_distances(
-    posterior: Posterior, shots: Shots, near: Array, rows: Index, options: IdentificationOptions
-) -> HoldOut:
-    """Test the distances of pairs (M, 2) by their covariance: of parameters, and of both points."""
-    # 1. Linearise the model at the identified unknowns for the shots of the pairs.
-    # 2. Project the residuals of both points on the line between them: the distance's error.
-    # 3. Propagate the covariance of the unknowns and the noise of the points to the distances.
-    # 4. χ² by the full covariance, since all pairs have the parameters' errors in common.
-    used, places = np.unique(rows, return_inverse=True)  # pairs may share a shot
-    observations = _unseen_observations(shots, used, near, options)
-    model = posterior.model
-    at = model.linearise(observations, posterior.x, posterior.at.frames, observations.near)
-    by_points = _distances_by_points(observations.points, places.reshape(rows.shape))
-    errors = (by_points * at.residual).sum(axis=(1, 2))
-    by_unknowns = np.einsum("mnk,nkq->mq", by_points, at.jacobian)
-    covariance = by_unknowns @ _covariance_without_changes(posterior) @ by_unknowns.T
-    factors = posterior.components.factors
-    parts = noise_parts(model, observations, at.by_joint).items()
-    noise = sum(factors.get(part, 1.0) * part_covariance for part, part_covariance in parts)
-    covariance += np.einsum("ank,nkl,bnl->ab", by_points, noise, by_points, optimize=True)
-    chi2 = float(errors @ np.linalg.solve(covariance, errors))
-    p = float(scipy.special.chdtrc(len(rows), chi2))
-    ratio = float(np.sqrt((errors**2).sum() / np.trace(covariance)))
-    return HoldOut(len(rows), chi2, p, ratio)
-
-
-def _unseen_observations(
-    shots: Shots, rows: Index, near: Array, options: IdentificationOptions
-) -> Observations:
-    """Return the observations of some rows, each in the frame that its session was fitted with."""
-    unseen = shots.rows(rows)
-    observations = observations_of(unseen, near[rows], options)
-    if not options.sessions:
-        return observations
-    fitted_sessions = np.unique(shots.session[shots.rows_of(ShotSet.IDENTIFICATION)])
-    return replace(observations, frame=np.searchsorted(fitted_sessions, unseen.session))
-
-
 def _distances_by_points(points_mm: Array, pairs: Index) -> Array:
     """Return the derivatives (M, N, 3) of the distances of pairs (M, 2) by all points (N, 3)."""
     first, second = pairs.T
@@ -143,9 +138,3 @@ def _distances_by_points(points_mm: Array, pairs: Index) -> Array:
     by_points[pair, second] += along
     by_points[pair, first] -= along
     return by_points
-
-
-def _covariance_without_changes(posterior: Posterior) -> Array:
-    """Return the covariance of the model's unknowns and frames; no unseen shot has changes."""
-    changes = range(len(posterior.model.names), len(posterior.at.x))
-    return np.delete(np.delete(posterior.covariance, changes, axis=0), changes, axis=1)

@@ -13,20 +13,23 @@
 method, `--model paper`, branches off after step 1 (`paper.py`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
-from campaigns.arrays import Index
+from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
 from campaigns.evaluation.summary import limits_met
-from campaigns.fit.changes import SHOT, Change, fit_with_changes
+from campaigns.fit.error_model import ErrorModel, Observations
 from campaigns.fit.error_sources import TRACKER_SOURCES
-from campaigns.fit.posterior import Posterior, Prior
+from campaigns.fit.events import Event, add_steps, events_of, explain, with_steps_of
+from campaigns.fit.fit import Fit, Prior, integrate_sizes, refit
+from campaigns.fit.left_out import pattern_of
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.fit.uncertainty import NullDirections, null_directions
 from campaigns.identification import findings
@@ -34,7 +37,7 @@ from campaigns.identification.checking import fit_with_former, former_datum, mis
 from campaigns.identification.findings import NOTHING_UNSEEN, Finding
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.known_lengths import KnownLengths, known_lengths
-from campaigns.identification.observations import error_model, observations_of, rows_to_fit
+from campaigns.identification.observations import error_model, fitted_sessions, observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.paper import identify_as_paper
 from campaigns.identification.positions import uncertainty_of_positions
@@ -55,6 +58,13 @@ from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
+SETTLED_TOLERANCES = 0.01
+"""Distance of a settled fit from where the priors alone would put it along undetermined directions,
+in tolerances."""
+PATTERN_SEED = 1
+"""Seed of the permutations with which shots left out are compared: the same data, the same verdict.
+"""
+
 
 def identify(
     nominal: Kinematics, shots: Shots, options: IdentificationOptions | None = None
@@ -72,23 +82,57 @@ def identify(
     _check(nominal, shots, sessions=options.sessions)
     if options.model == "paper":
         return identify_as_paper(nominal, shots, at_nominal, options)
-    model = error_model(nominal, shots, options)
-    rows, excluded = rows_to_fit(shots, at_nominal, options)
-    fitted = shots.rows(rows)
-    observations = observations_of(fitted, at_nominal.values[rows], options)
+    sessions = fitted_sessions(shots, at_nominal.is_solved, options)
+    model = error_model(nominal, shots, options, len(sessions))
+    observations = observations_of(
+        shots, at_nominal.values, options, sessions if options.sessions else None
+    )
     prior = Prior()
     if lengths is not None and "scale" in model.names:  # --fix scale holds it at nominal
         prior = Prior(lengths={"scale": lengths.scale})
     try:
-        posterior, changes = fit_with_changes(model, observations, prior)
+        campaign = _fit_campaign(model, shots, observations, prior)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise ShotsInvalid(
             f"the shots lead to no robot ({error})",
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances; measure all over the workspace",
         ) from error
-    campaign = _FittedCampaign(nominal, shots, at_nominal, fitted, options, posterior, changes)
-    return campaign.make_result(excluded, lengths)
+    fit, events = campaign
+    judged = _JudgedCampaign(nominal, shots, at_nominal, options, observations, fit, events)
+    return judged.make_result(lengths)
+
+
+# 1. Explain the identification shots: effects of all kinds, wrong shots.
+# 2. Search for changes over all shots in the order of time, hold-out shots too, as a diagnosis: a
+#    step shortly before the end has few shots of either set. Numbers are not taken from there.
+# 3. Fit the identification shots with the changes found, so that hold-out pairs stay unseen.
+def _fit_campaign(
+    model: ErrorModel, shots: Shots, observations: Observations, prior: Prior
+) -> tuple[Fit, tuple[Event, ...]]:
+    """Return the fit of the identification shots, and the events of all shots by their numbers."""
+    rows = _rows_in_time(shots, observations, ShotSet.IDENTIFICATION)
+    every = _rows_in_time(shots, observations, ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
+    fit = explain(model, observations.rows(rows), prior)
+    whole = fit
+    if len(every) > len(rows):
+        whole = add_steps(refit(fit, observations=observations.rows(every)))
+        fit = with_steps_of(whole, fit)
+    numbers = np.array(shots.numbers)
+    of_fitted = [event.of_shots(numbers[rows].tolist()) for event in events_of(fit)]
+    of_whole = [event.of_shots(numbers[every].tolist()) for event in events_of(whole)]
+    fitted = {*numbers[rows].tolist()}
+    events = [event for event in of_fitted if event.leaves_out]
+    events += [e for e in of_whole if not (e.leaves_out and e.first in fitted)]
+    moment = dict(zip(shots.numbers, observations.moment.tolist(), strict=True))
+    return fit, tuple(sorted(events, key=lambda event: moment[event.first]))
+
+
+def _rows_in_time(shots: Shots, observations: Observations, *sets: ShotSet) -> Index:
+    """Return the rows of these sets in the order of time, of sessions that have a frame."""
+    rows = shots.rows_of(*sets)
+    rows = rows[observations.frame[rows] >= 0]
+    return rows[np.argsort(observations.moment[rows], kind="stable")]
 
 
 def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
@@ -116,107 +160,122 @@ def update(
     # 3. Make a result as `identify` does. A check has no hold-out pairs by its nature, so their
     #    absence is no obstacle here; χ² of the new shots takes their place.
     at_nominal = nominal.forward(shots.joints, approach=shots.approach)
-    posterior = fit_with_former(nominal, shots, former, options, changed)
-    datum = former_datum(former, posterior.model)
-    campaign = _FittedCampaign(nominal, shots, at_nominal, shots, options, posterior, (), datum)
-    result = campaign.make_result((), None)
-    misfit = misfit_of(posterior, former)
+    fit = fit_with_former(nominal, shots, former, options, changed)
+    events = tuple(event.of_shots(shots.numbers) for event in events_of(fit))
+    datum = former_datum(former, fit)
+    campaign = _JudgedCampaign(
+        nominal, shots, at_nominal, options, fit.observations, fit, events, datum
+    )
+    result = campaign.make_result(None)
+    misfit = misfit_of(fit)
     says = f"updated by {len(shots)} shots of a check {misfit.in_words()}"
+    findings_left = [f for f in result.findings if f.name != NOTHING_UNSEEN]
     if misfit.is_significant:
-        says = f"{says}: the shots contradict it, measure a campaign again"
-    against = [
-        finding
-        for finding in result.findings
-        if finding.affects_verdict and finding.name != NOTHING_UNSEEN
-    ]
+        words = f"{says}: the shots contradict it, measure a campaign again"
+        findings_left.append(Finding(findings.CONTRADICTS, words, "fail"))
+    obstacles = _obstacles(findings_left)
     return replace(
         result,
-        verdict="fail" if misfit.is_significant or against else "pass",
-        reasons=(says, *(finding.says for finding in against)),
-        obstacles=tuple(finding.name for finding in against),
+        findings=tuple(findings_left),
+        verdict=_decide(obstacles),
+        reasons=(says, *(finding.says for finding in obstacles)),
+        obstacles=tuple(finding.name for finding in obstacles),
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _FittedCampaign:
-    """Shots of a robot with the posterior of their fit, from which the result is made."""
+class _JudgedCampaign:
+    """Shots of a robot with their fit and events, from which the result is made."""
 
     nominal: Kinematics
     shots: Shots
     at_nominal: KinematicSolution
-    fitted: Shots
     options: IdentificationOptions
-    posterior: Posterior
-    changes: tuple[Change, ...]
+    observations: Observations
+    """Of all shots."""
+    likeliest: Fit
+    """Fit at the likeliest sizes of groups."""
+    events: tuple[Event, ...]
     datum: NullDirections | None = None
-    """Directions that stay at nominal; None: those that these shots do not determine."""
+    """Directions that priors alone determine; None: those that these shots do not determine."""
 
-    def make_result(
-        self, excluded: tuple[Excluded, ...], lengths: KnownLengths | None
-    ) -> IdentificationResult:
+    def make_result(self, lengths: KnownLengths | None) -> IdentificationResult:
         """Return the result with its findings and verdict."""
-        posterior, options = self.posterior, self.options
-        identified = posterior.model.kinematics(posterior.x)
+        options, shots = self.options, self.shots
         # The datum: no parameter is held to fix the base frame. Instead what no shot determines is
-        # put back to nominal, and left out of σ, in all parameters below.
-        null = self.datum or null_directions(posterior)
+        # where the priors like it best, and left out of σ, in all parameters below.
+        null = self.datum or null_directions(self.likeliest)
+        fit = integrate_sizes(self.likeliest)
+        today = fit.model.of_today @ fit.at.x
+        stated = null.transform(today)
+        identified = fit.model.kinematics(stated)
         # The identified robot is solved from the nominal poses. Where the nominal robot had none,
         # any real pose does as a start: NaN would not come back to a solution.
         near = self.at_nominal.values.copy()
         near[~self.at_nominal.is_solved] = near[self.at_nominal.is_solved][0]
-        solution = identified.forward(self.shots.joints, near, approach=self.shots.approach)
-        unseen = unseen_pairs(posterior, self.shots, self.at_nominal, solution, options)
+        solution = identified.forward(shots.joints, near, approach=shots.approach)
+        left_out = [event.first for event in self.events if event.leaves_out]
+        unseen = unseen_pairs(fit, shots, self.at_nominal, solution, self.observations, left_out)
         ratio = 1.0 if unseen.test is None else unseen.test.applied_ratio
         positions = None
         if options.workspace is not None:
-            positions = uncertainty_of_positions(posterior, identified, options.workspace, ratio)
+            positions = uncertainty_of_positions(fit, identified, options.workspace, ratio)
         region = None if positions is None else positions.region
-        residuals = self._residuals()
-        findings = (
-            *self._collect_findings(null, unseen, region),
+        residuals = self._residuals(fit)
+        found = (
+            *self._collect_findings(fit, null, unseen, region),
             *([] if lengths is None else lengths.findings),
         )
-        obstacles = _obstacles(findings)
+        obstacles = _obstacles(found)
         reasons = tuple(finding.says for finding in obstacles)
         if not obstacles:
             reasons = tuple(_gains(residuals, unseen.errors, region))
-        frames = tuple(map(Frame.of, posterior.at.frames))
+        frames = tuple(map(Frame.of, fit.at.frames))
         return IdentificationResult(
             model="full",
-            converged=posterior.has_converged,
-            iterations=posterior.rounds,
-            parameters=self._parameters(null),
+            converged=fit.has_converged,
+            iterations=fit.rounds,
+            parameters=self._parameters(fit, null, stated),
             undetermined=null.names,
-            scatter=self._scatter(),
-            sizes={group: float(size) for group, size in posterior.components.sizes.items()},
-            tracker=self._tracker(),
+            scatter=self._scatter(fit),
+            sizes={group: float(size) for group, size in fit.sizes.items()},
+            tracker=self._tracker(fit),
             residuals_mm=residuals.summary(),
             unseen_mm=None if unseen.errors is None else unseen.errors.summary(),
             fitted=residuals,
             unseen=unseen.errors,
-            modelled=self._modelled(solution, unseen.rows),
-            excluded=(*excluded, *self._wrong_shots(), *unseen.lost),
-            covariance=self._covariance(null, ratio),
+            modelled=self._modelled(fit, solution, unseen.rows),
+            events=self.events,
+            excluded=(*_left_out(self.events), *unseen.lost),
+            covariance=self._covariance(fit, null, ratio),
             position_std_mm=None if positions is None else positions.std,
             budget=positions.shares if positions else (),
             region=region,
             hold_out=unseen.test,
-            findings=findings,
+            findings=found,
             frame=frames[0],
             sessions=self._sessions(frames) if options.sessions else (),
-            reference_degC=options.reference_degC if posterior.model.with_growth else None,
-            posterior=self._posterior_to_store(null),
+            reference_degC=options.reference_degC if fit.model.with_growth else None,
+            posterior=self._posterior_to_store(fit, null),
             verdict=_decide(obstacles),
             reasons=reasons,
             obstacles=tuple(finding.name for finding in obstacles),
         )
 
-    def _parameters(self, null: NullDirections) -> dict[str, IdentifiedParameter]:
+    @property
+    def _fitted_rows(self) -> Index:
+        """Rows of the shots that were fitted, in the order of the fit."""
+        row_at = {moment: row for row, moment in enumerate(self.observations.moment.tolist())}
+        return np.array([row_at[m] for m in self.likeliest.observations.moment.tolist()])
+
+    def _parameters(
+        self, fit: Fit, null: NullDirections, stated: Array
+    ) -> dict[str, IdentifiedParameter]:
         # Unknowns are deviations from nominal in tolerances; file_tolerance makes them mm, deg or
         # ppm. A variance of nothing but rounding is a parameter that is undetermined by itself.
-        model, old = self.posterior.model, self.nominal.parameters
-        variances = np.diag(null.transform_covariance(self.posterior.model_covariance)).tolist()
-        deviations = (null.transform(self.posterior.x) * model.file_tolerance).tolist()
+        model, old = fit.model, self.nominal.parameters
+        variances = np.diag(self._stated_covariance(fit, null)).tolist()
+        deviations = (stated * model.file_tolerance).tolist()
         fitted = {}
         for place, name in enumerate(model.parameters):
             std = max(variances[place], 0.0) ** 0.5 * float(model.file_tolerance[place])
@@ -224,41 +283,46 @@ class _FittedCampaign:
             fitted[name] = (value, std if variances[place] > 1e-12 else None)
         return identified_parameters(self.nominal, fitted)
 
-    def _covariance(self, null: NullDirections, ratio: float) -> ParameterCovariance:
-        model, table = self.posterior.model, self.nominal.mechanism.parameters
+    def _stated_covariance(self, fit: Fit, null: NullDirections) -> Array:
+        """Return the covariance (P, P) of the robot of today, in tolerances and the datum."""
+        matrix, size = fit.model.of_today, fit.model.size
+        return null.transform_covariance(matrix @ fit.covariance[:size, :size] @ matrix.T)
+
+    def _covariance(self, fit: Fit, null: NullDirections, ratio: float) -> ParameterCovariance:
+        model, table = fit.model, self.nominal.mechanism.parameters
         places = [n for n, name in enumerate(model.names) if name in table.of_robot]
         names = tuple(model.names[place] for place in places)
         tolerance = model.file_tolerance[places]
-        matrix = null.transform_covariance(self.posterior.model_covariance)[np.ix_(places, places)]
+        matrix = self._stated_covariance(fit, null)[np.ix_(places, places)]
         matrix = matrix * np.outer(tolerance, tolerance)
         return ParameterCovariance(names, tuple(map(tuple, matrix.tolist())), ratio)
 
-    def _tracker(self) -> dict[str, tuple[float, float]]:
+    def _tracker(self, fit: Fit) -> dict[str, tuple[float, float]]:
         """Return value and 1 σ of each of the tracker's errors, in the unit it is shown in."""
-        model, posterior = self.posterior.model, self.posterior
-        values = (model.file_tolerance * posterior.x).tolist()
-        std = (model.file_tolerance * posterior.std).tolist()
-        rows = zip(model.names, values, std, strict=True)
+        values = (fit.model.file_tolerance * fit.x).tolist()
+        std = (fit.model.file_tolerance * fit.std).tolist()
+        rows = zip(fit.model.names, values, std, strict=True)
         return {name: (value, sigma) for name, value, sigma in rows if name in TRACKER_SOURCES}
 
-    def _posterior_to_store(self, null: NullDirections) -> StoredPosterior:
+    def _posterior_to_store(self, fit: Fit, null: NullDirections) -> StoredPosterior:
         # Not put into the datum: as a prior of new shots the whole posterior counts, and the
         # directions are stored beside it so that an update can apply the same datum.
-        posterior = self.posterior
+        matrix, size = fit.model.of_today, fit.model.size
+        covariance = matrix @ fit.covariance[:size, :size] @ matrix.T
         return StoredPosterior(
-            posterior.model.names,
-            tuple(posterior.model.tolerance.tolist()),
-            tuple(posterior.x.tolist()),
-            tuple(map(tuple, posterior.model_covariance.tolist())),
-            {group: float(size) for group, size in posterior.components.sizes.items()},
-            {part: float(factor) for part, factor in posterior.components.factors.items()},
+            fit.model.names,
+            tuple(fit.model.tolerance.tolist()),
+            tuple((matrix @ fit.at.x).tolist()),
+            tuple(map(tuple, covariance.tolist())),
+            {group: float(fit.sizes[group]) for group in fit.model.learned},
+            {part: float(factor) for part, factor in fit.factors.items()},
             tuple(map(tuple, null.vectors.T.tolist())),
         )
 
-    def _scatter(self) -> Scatter:
+    def _scatter(self, fit: Fit) -> Scatter:
         # Factors multiply variances: their roots multiply σ of the data sheet.
-        factors, axis = self.posterior.components.factors, self.nominal.mechanism.joints[0]
-        point, joint = self.posterior.scatter
+        factors, axis = fit.factors, self.nominal.mechanism.joints[0]
+        point, joint = fit.scatter
         joint = axis.to_file(joint)
         of_instrument: dict[str, float] = {
             part: factors[part] ** 0.5 for part in ("along", "across") if part in factors
@@ -275,67 +339,55 @@ class _FittedCampaign:
             )
         return Scatter(point, joint, of_instrument, says)
 
-    def _residuals(self) -> ResidualTable:
+    def _residuals(self, fit: Fit) -> ResidualTable:
         """Return the errors of the fitted shots: nominal in its own best frames, and identified."""
         # The frames were fitted with the identified robot. To be judged fairly the nominal robot
         # gets its own best rigid fit, one for each frame.
-        kept, posterior = self.posterior.kept, self.posterior
-        positions = posterior.observations.near[kept, :3]
-        points, frame = self.fitted.points_in_tracker_mm[kept], posterior.observations.frame[kept]
+        kept, rows = fit.kept, self._fitted_rows
+        positions = self.at_nominal.values[rows][kept, :3]
+        points, frame = fit.observations.points[kept], fit.observations.frame[kept]
         before = np.empty_like(points)
         for number in np.unique(frame).tolist():
-            rows = frame == number
-            tracker_from_base = fit_transform(positions[rows], points[rows])
-            before[rows] = tracker_from_base.apply(positions[rows]) - points[rows]
-        numbers = np.array(self.fitted.numbers)[kept].tolist()
-        after = posterior.at.residual[kept]
-        return ResidualTable.from_arrays("shots", numbers, before, after)
+            of_frame = frame == number
+            tracker_from_base = fit_transform(positions[of_frame], points[of_frame])
+            before[of_frame] = tracker_from_base.apply(positions[of_frame]) - points[of_frame]
+        numbers = np.array(self.shots.numbers)[rows][kept].tolist()
+        return ResidualTable.from_arrays("shots", numbers, before, fit.at.residual[kept])
 
-    def _modelled(self, solution: KinematicSolution, pairs: Index) -> ModelledTable:
-        # Rows of all shots are wanted, but `kept` counts rows of the fitted ones, which stand in
-        # the order of time: match the two by the shots' numbers.
-        counted = np.array(self.fitted.numbers)[self.posterior.kept]
-        fitted = self.shots.rows_of(ShotSet.IDENTIFICATION)
-        is_counted = np.isin(np.array(self.shots.numbers)[fitted], counted)
-        fitted = fitted[is_counted & solution.is_solved[fitted]]
-        rows = np.union1d(fitted, pairs.ravel())
+    def _modelled(self, fit: Fit, solution: KinematicSolution, pairs: Index) -> ModelledTable:
+        fitted = self._fitted_rows[fit.kept]
+        rows = np.union1d(fitted[solution.is_solved[fitted]], pairs.ravel())
         before, after = self.at_nominal.values[rows], solution.values[rows]
         return ModelledTable.of(self.shots.rows(rows), before, after)
-
-    def _wrong_shots(self) -> Iterator[Excluded]:
-        """Yield the shots without weight: far off nominal, or contradicting all others."""
-        # Shots that were left out at the start, by the nominal robot, are no changes: their size
-        # is the residual by the final fit.
-        sizes = {change.since: change.size for change in self.changes if change.part == SHOT}
-        for row in np.flatnonzero(~self.posterior.kept).tolist():
-            size = sizes.get(row, float(np.linalg.norm(self.posterior.at.residual[row])))
-            number, pair = self.fitted.numbers[row], self.fitted.pairs[row]
-            reason = f"{size:.3f} mm off where all others put it"
-            yield Excluded(reason, shot=number, pair=pair, size_mm=size)
 
     def _sessions(self, frames: tuple[Frame, ...]) -> tuple[SessionFrame, ...]:
         # Frames come in the order of the fitted sessions; a session of validation pairs alone has
         # no frame.
         session_of, numbers = self.shots.session, np.array(self.shots.numbers)
-        fitted = dict(zip(np.unique(self.fitted.session).tolist(), frames, strict=True))
+        fitted_sessions_in_order = np.unique(session_of[self._fitted_rows]).tolist()
+        fitted = dict(zip(fitted_sessions_in_order, frames, strict=True))
         return tuple(
             SessionFrame(tuple(numbers[session_of == session].tolist()), fitted.get(session))
             for session in np.unique(session_of).tolist()
         )
 
     def _collect_findings(
-        self, null: NullDirections, unseen: UnseenPairs, region: Region | None
+        self, fit: Fit, null: NullDirections, unseen: UnseenPairs, region: Region | None
     ) -> Iterator[Finding]:
-        posterior, options = self.posterior, self.options
-        revolute = self.nominal.mechanism.joints[0].is_revolute
-        if not posterior.has_converged:
+        options = self.options
+        off_mode = np.abs(null.transform(self.likeliest.x) - self.likeliest.x).max(initial=0.0)
+        # at the minimum the gradient along undetermined directions is the prior's alone
+        if not fit.has_converged or (self.datum is None and off_mode > SETTLED_TOLERANCES):
             says = "the fit did not settle: look for gross errors, or measure at more poses"
             yield Finding(findings.NOT_ARRIVED, says, "fail")
         accepted = findings.ACCEPTABLE if options.accept_large_change else ()
-        for finding in findings.tolerance_findings(posterior, null):
+        for finding in findings.tolerance_findings(fit, null):
             yield finding.accept(accepted)
-        yield from findings.scatter_findings(posterior)
-        yield from findings.change_findings(self.changes, self.fitted.numbers, revolute=revolute)
+        yield from findings.scatter_findings(fit)
+        yield from findings.effect_findings(fit)
+        numbers = self._numbers_in_time()
+        yield from findings.change_findings(self.events, numbers, revolute=fit.model.is_revolute)
+        yield from findings.left_out_findings(self.events, numbers, self._pattern(fit))
         if unseen.test is not None and unseen.errors is not None:
             met = limits_met(unseen.errors.summary().after, options.limits_mm)
             yield from findings.hold_out_findings(unseen.test, limits_met=met)
@@ -354,6 +406,28 @@ class _FittedCampaign:
             yield Finding(findings.NOTHING_UNSEEN, says, "not decided")
         if options.workspace is not None:
             yield from findings.region_findings(region)
+
+    def _numbers_in_time(self) -> list[int]:
+        """Return the numbers of the shots for identification and hold-out, in the order of time."""
+        sets = (ShotSet.IDENTIFICATION, ShotSet.VALIDATION, ShotSet.CHECK)
+        rows = _rows_in_time(self.shots, self.observations, *sets)
+        return np.array(self.shots.numbers)[rows].tolist()  # type: ignore[no-any-return]  # numpy's
+
+    def _pattern(self, fit: Fit) -> Literal["series", "region"] | None:
+        """Return the pattern of the shots left out of the fit."""
+        positions = self.at_nominal.values[self._fitted_rows, :3]
+        return pattern_of(fit.kept, np.nan_to_num(positions), np.random.default_rng(PATTERN_SEED))
+
+
+def _left_out(events: Iterable[Event]) -> Iterator[Excluded]:
+    """Yield the shots that events leave out, each with its reason."""
+    for event in events:
+        if event.kind == "no assembly":
+            reason = "the robot cannot be assembled at its joints"
+            yield Excluded(reason, shot=event.first)
+        elif event.kind == "wrong shot":
+            reason = f"{event.size:.3f} mm off where all others put it"
+            yield Excluded(reason, shot=event.first, size_mm=event.size)
 
 
 def _obstacles(findings: Sequence[Finding]) -> tuple[Finding, ...]:

@@ -4,11 +4,11 @@ import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.errors import ShotsInvalid, ShotsMissing
+from campaigns.fit.effects import Walk
 from campaigns.fit.error_model import ErrorModel, Observations
 from campaigns.fit.tracker_noise import covariance_by_direction_mm2
 from campaigns.identification.options import IdentificationOptions, matching, named_priors
-from campaigns.identification.result import Excluded
-from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, between, held_out
 
@@ -19,11 +19,12 @@ FEWEST_SHOTS = 4
 
 
 def error_model(
-    nominal: Kinematics, shots: Shots | None, options: IdentificationOptions
+    nominal: Kinematics, shots: Shots | None, options: IdentificationOptions, sessions: int = 0
 ) -> ErrorModel:
     """Return the model of all sources of error, with the options' held names and tolerances.
 
-    Parts may have grown where shots have their temperatures; None for shots that are planned.
+    Parts may have grown where shots have their temperatures; None for shots that are planned. The
+    stand of each of the `sessions` may have moved slowly.
     """
     # The instrument's common errors (scale, axes, reflector) come from its data sheet and stand
     # last: they replace tolerances of robot.yaml for those groups.
@@ -35,14 +36,19 @@ def error_model(
         tolerances=named_priors(options.prior, table),
         group_tolerances={**options.tolerances, **options.instrument.common},
         with_growth=shots is not None and bool(np.isfinite(shots.part_temperature_degC).any()),
+        effects=tuple(map(Walk, range(sessions))),
     )
 
 
-def observations_of(shots: Shots, near: Array, options: IdentificationOptions) -> Observations:
+def observations_of(
+    shots: Shots, near: Array, options: IdentificationOptions, sessions: Index | None = None
+) -> Observations:
     """Return the observations of shots, with poses (N, t) `near` the ones they had.
 
-    Shots without a stated covariance get the noise of the data sheet along and across the beam,
-    whose factors are estimated.
+    `sessions` are the numbers of the sessions that have a frame of their own each, in the order of
+    the frames; shots of others have no frame, -1. None: one frame for all. Shots without a stated
+    covariance get the noise of the data sheet along and across the beam, whose factors are
+    estimated.
     """
     # The noise of a file may be mixed: some shots with a covariance by the tracker, some without.
     # Each part has its covariance where it holds and zero elsewhere, so their sum is each shot's.
@@ -57,18 +63,41 @@ def observations_of(shots: Shots, near: Array, options: IdentificationOptions) -
     if not is_stated.all():
         noise["along"] = is_unstated * along
         noise["across"] = is_unstated * across
-    _, frame = np.unique(shots.session, return_inverse=True)
+    frame = np.zeros(len(shots), dtype=np.intp)
+    if sessions is not None:
+        place = np.minimum(np.searchsorted(sessions, shots.session), len(sessions) - 1)
+        frame = np.where(sessions[place] == shots.session, place, -1)
     # A shot without temperatures counts as measured at the reference: its growth is zero.
     warmth = shots.part_temperature_degC - options.reference_degC
+    order = shots.order_of_time()
+    moment = np.empty(len(shots))
+    moment[order] = np.arange(len(shots))
+    former = shots.joints.copy()
+    former[order[1:]] = shots.joints[order[:-1]]
     return Observations(
         joints=shots.joints,
         approach=shots.approach,
         near=near,
         points=points,
         noise=noise,
-        frame=frame if options.sessions else np.zeros(len(shots), dtype=np.intp),
+        frame=frame,
         warmth=np.where(np.isfinite(warmth), warmth, 0.0),
+        moment=moment,
+        time=_times_in_sessions(shots, moment, frame),
+        former=former,
     )
+
+
+def _times_in_sessions(shots: Shots, moment: Array, frame: Index) -> Array:
+    """Return the time of each shot in its session, from 0 to 1, (N,): by the clock or by order."""
+    elapsed_s = shots.elapsed_s()
+    clock = moment if elapsed_s is None else elapsed_s
+    time = np.zeros(len(clock))
+    for number in np.unique(frame).tolist():
+        rows = frame == number
+        begin, span = clock[rows].min(), np.ptp(clock[rows])
+        time[rows] = (clock[rows] - begin) / span if span > 0.0 else 0.5
+    return time
 
 
 def _require_covariances(shots: Shots, is_stated: Mask) -> None:
@@ -82,32 +111,26 @@ def _require_covariances(shots: Shots, is_stated: Mask) -> None:
         )
 
 
-def rows_to_fit(
-    shots: Shots, at_nominal: KinematicSolution, options: IdentificationOptions
-) -> tuple[Index, tuple[Excluded, ...]]:
-    """Return the rows to fit in the order of time, and the shots that cannot be fitted at all.
+def fitted_sessions(shots: Shots, assembles: Mask, options: IdentificationOptions) -> Index:
+    """Return the numbers of the sessions that have a frame of their own; one number for all.
 
-    Raise `ShotsMissing` for a session with too few shots to place the tracker's frame.
+    `assembles` (N,) tells at which shots the nominal robot can be assembled. Raise `ShotsMissing`
+    for a session with too few of them to place the tracker's frame.
     """
-    # In the order of time, not of numbers: changes are searched for as steps over the rows.
-    order = shots.order_of_time()
-    order = order[np.isin(order, shots.rows_of(ShotSet.IDENTIFICATION))]
-    excluded = tuple(
-        Excluded("the nominal robot cannot be assembled at its joints", shot=shots.numbers[row])
-        for row in order[~at_nominal.is_solved[order]].tolist()
-    )
-    rows = order[at_nominal.is_solved[order]]
-    sessions = shots.session[rows] if options.sessions else np.zeros(len(rows), dtype=np.intp)
-    counts = np.unique(sessions, return_counts=True)[1].tolist() or [0]
+    rows = shots.rows_of(ShotSet.IDENTIFICATION)
+    session = shots.session if options.sessions else np.zeros(len(shots), dtype=np.intp)
+    usable = rows[assembles[rows]]
+    counts = [int((session[usable] == number).sum()) for number in np.unique(session[rows])] or [0]
     if min(counts) < FEWEST_SHOTS:
         where = "a session has" if options.sessions and len(counts) > 1 else "there are"
-        left_out = f" ({len(excluded)} left out)" if excluded else ""
+        missing = len(rows) - len(usable)
+        left_out = f" ({missing} left out)" if missing else ""
         raise ShotsMissing(
             f"{where} {min(counts)} shots to identify from{left_out}: they place no frame of the "
             "tracker",
             remedy=f"measure at least {FEWEST_SHOTS} shots, better 60",
         )
-    return rows, excluded
+    return np.unique(session[rows])
 
 
 def asked_shots(shots: Shots, options: IdentificationOptions) -> Shots:

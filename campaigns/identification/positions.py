@@ -15,8 +15,15 @@ from campaigns.arrays import Array
 from campaigns.evaluation.region import Region
 from campaigns.fit.error_model import Observations
 from campaigns.fit.error_sources import SOURCES
-from campaigns.fit.posterior import Posterior
-from campaigns.fit.uncertainty import budget, position_std_mm, without_frame
+from campaigns.fit.fit import Fit
+from campaigns.fit.uncertainty import (
+    FORMER,
+    SIZES,
+    budget,
+    position_std_mm,
+    unseen_covariances,
+    without_frame,
+)
 from campaigns.identification.result import ParameterCovariance, PositionStd, Share
 from campaigns.kinematics.mechanism import Kinematics
 
@@ -31,6 +38,12 @@ NOISE_WORDS = {
     "points": "robot: scatter of its point",
     "joints": "robot: scatter of its joints",
     "changes": "changes during the campaign",
+    "stand": "slow motion of the stand",
+    "periods": "periodic errors of the drives",
+    "lag": "joints read before they arrived",
+    "layer": "errors by place or angle without a known source",
+    FORMER: "former result",
+    SIZES: "sizes of the groups of errors",
 }
 
 
@@ -44,7 +57,7 @@ class Positions:
 
 
 def uncertainty_of_positions(
-    posterior: Posterior, identified: Kinematics, workspace: Array, ratio: float
+    fit: Fit, identified: Kinematics, workspace: Array, ratio: float
 ) -> Positions | None:
     """Return the uncertainty of positions at poses (N, t), in the frame that fits all of them best.
 
@@ -60,22 +73,27 @@ def uncertainty_of_positions(
     at_sample, sample = identified.select_reachable(workspace)
     if len(sample) < FEWEST_POSES * len(workspace):
         return None
-    shots, count = posterior.observations.rows(posterior.kept), len(sample)
+    shots, count = fit.observations.rows(fit.kept), len(sample)
     both = Observations.unmeasured(
         np.vstack([at_sample, shots.joints]), np.vstack([sample, shots.near])
     )
-    robot, assembly = posterior.model.positions(posterior.x, both, both.near)
-    if not assembly.is_solved.all():
+    robot = fit.model.robot_at(fit.at.x, both, both.near)
+    positions = robot.assembly.poses[:, :3]
+    if not robot.assembly.is_solved.all():
         return None
-    by, _ = posterior.model.robot_columns(robot, both, assembly.unknowns)
-    covariance = posterior.model_covariance
-    by_sample = without_frame(by[:count], assembly.poses[:count, :3])
-    std = ratio * position_std_mm(by_sample, covariance)
-    of_both = position_std_mm(without_frame(by, assembly.poses[:, :3]), covariance)
+    covariance = fit.covariance[: fit.model.size, : fit.model.size]
+    between_shots = unseen_covariances(fit, robot.by_moves, both).trace(axis1=1, axis2=2)
+    by_sample = without_frame(robot.by[:count], positions[:count])
+    std = ratio * np.hypot(position_std_mm(by_sample, covariance), between_shots[:count] ** 0.5)
+    of_all = position_std_mm(without_frame(robot.by, positions), covariance)
+    of_both = np.hypot(of_all, between_shots**0.5)
     region = Region.of(sample, of_both[:count], of_both[count:], identified.mechanism.task)
     rms = float(np.sqrt((std**2).mean()))
     sizes = PositionStd(float(std.mean()), float(std.max()), rms, len(workspace) - count)
-    return Positions(sizes, region, _shares(budget(posterior, by_sample), ratio, rms))
+    squares = dict(budget(fit, by_sample))
+    if between_shots.any():
+        squares["layer"] += float(between_shots[:count].mean())
+    return Positions(sizes, region, _shares(squares, ratio, rms))
 
 
 def std_of_positions(

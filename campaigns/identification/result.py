@@ -18,6 +18,7 @@ from campaigns.errors import FindingUnreadable
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.region import Region
 from campaigns.evaluation.summary import BeforeAfter, limits_met, spread
+from campaigns.fit.events import Event
 from campaigns.fit.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
 from campaigns.identification.findings import HOLD_OUT, Finding, HoldOut
 from campaigns.journal.records import adapter_of, read_body
@@ -264,6 +265,8 @@ class IdentificationResult:
         scatter: noise beside what the tracker stated.
         sizes: estimated size of each group of error sources, in its tolerance.
         tracker: errors of the tracker by source: value and 1 σ in mm, deg or ppm.
+        events: what happened to shots and parts during the campaign, in the order of time.
+        excluded: shots and pairs left out, with the reason.
         residuals_mm, unseen_mm: sizes of the errors of fitted shots and of hold-out pairs.
         budget: shares of the sources in the uncertainty of positions; they add up in squares.
         region: part of the workspace that the result is valid for.
@@ -284,6 +287,7 @@ class IdentificationResult:
     fitted: ResidualTable | None = None
     unseen: ResidualTable | None = None
     modelled: ModelledTable | None = None
+    events: tuple[Event, ...] = ()
     excluded: tuple[Excluded, ...] = ()
     covariance: ParameterCovariance | None = None
     position_std_mm: PositionStd | None = None

@@ -22,10 +22,9 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.fit.error_model import ErrorModel, Observations, moved_frames
-from campaigns.fit.posterior import noise_parts
+from campaigns.fit.fit import Fit, Prior, noise_parts
 from campaigns.fit.rigid_transforms import Transform, fit_transform
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
-from campaigns.fit.variance_components import Components, LinearModel
 from campaigns.journal.records import Outcome
 from campaigns.settings.sections import GateConfig
 from drivers.values import Vector3, vector
@@ -139,7 +138,7 @@ class Gate:
             return None
         observation = Observations.unmeasured(np.array([joints]), estimate.near)
         with np.errstate(all="ignore"):  # at joints that no pose fits, the numbers overflow
-            at = self._model.linearise(observation, estimate.x, (estimate.frame,), estimate.near)
+            at = self._model.predict(estimate.x, (estimate.frame,), observation, estimate.near)
         if not at.assembly.is_solved[0]:
             return None
         spread = at.jacobian[0] @ estimate.covariance @ at.jacobian[0].T
@@ -265,17 +264,23 @@ def _gauss_newton_step(
     #    stays uncertain.
     size = len(x)
     frame = fit_transform(poses[:, :3], observations.points)
-    at = model.linearise(observations, x, (frame,), poses)
-    parts = noise_parts(model, observations, at.by_joint)
-    prior = np.diag(np.concatenate([np.ones(size), np.zeros(6)]))
-    deviation = np.concatenate([x, np.zeros(6)])
-    kept = np.ones(len(observations), dtype=bool)
-    factors = {part: SCATTER_SHARE.get(part, 1.0) for part in parts}
-    linear = LinearModel(at, parts, kept, deviation, prior, groups={})
-    solution = linear.solve_with(Components({}, factors))
-    (frame,) = moved_frames((frame,), solution.step[size:])
+    at = model.predict(x, (frame,), observations, poses)
+    noise = noise_parts(model, observations, at.by_joint)
+    shots = np.ones(len(observations))
+    fit = Fit(
+        model=model,
+        observations=observations,
+        prior=Prior(),
+        at=at,
+        noise=noise,
+        usable=shots > 0.0,
+        good=shots,
+        sizes=dict.fromkeys(model.sized_groups, 1.0),
+        factors={part: SCATTER_SHARE.get(part, 1.0) for part in noise},
+    )
+    (frame,) = moved_frames((frame,), fit.step[size:])
     centre = poses.mean(axis=0, keepdims=True)
-    return Estimate(x + solution.step[:size], frame, centre, solution.covariance)
+    return Estimate(x + fit.step[:size], frame, centre, fit.inverse)
 
 
 def next_fit(shots: int, growth: float = 0.25) -> int:

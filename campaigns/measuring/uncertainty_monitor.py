@@ -11,8 +11,8 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import PlanInvalid
-from campaigns.fit.changes import fit_with_changes
-from campaigns.fit.posterior import Posterior
+from campaigns.fit.events import explain
+from campaigns.fit.fit import Fit
 from campaigns.fit.uncertainty import null_directions, position_std_mm
 from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
@@ -47,7 +47,7 @@ class UncertaintyMonitor:
         """Fit accepted shots; return the uncertainty as `identify` states it, None for too few."""
         return self.stated(self.posterior(outcomes))
 
-    def posterior(self, outcomes: Iterable[Outcome]) -> Posterior | None:
+    def posterior(self, outcomes: Iterable[Outcome]) -> Fit | None:
         """Fit the accepted shots to identify from; return None for too few of them."""
         # Shots whose joints no pose fits are left out, as `identify` leaves them out. A fit that
         # has not converged states no uncertainty: its covariance would belong to other parameters.
@@ -58,7 +58,7 @@ class UncertaintyMonitor:
         rows = np.flatnonzero(solution.is_solved)
         observations = observations_of(shots.rows(rows), solution.values[rows], self._options)
         try:
-            posterior, _ = fit_with_changes(self._model, observations)
+            posterior = explain(self._model, observations)
         except (ValueError, np.linalg.LinAlgError):  # the shots place no frame yet
             return None
         return posterior if posterior.has_converged else None
@@ -99,7 +99,7 @@ class UncertaintyMonitor:
             targets=[shot.pose for shot in planned],
         )
 
-    def stated(self, posterior: Posterior | None) -> PositionUncertainty | None:
+    def stated(self, posterior: Fit | None) -> PositionUncertainty | None:
         """Return the fitted uncertainty at the judged positions; None without a fit.
 
         The derivatives are the nominal robot's: those of the fitted one differ in second order, and
@@ -113,7 +113,7 @@ class UncertaintyMonitor:
         count = int(posterior.kept.sum())
         return PositionUncertainty(count, name, length_std, float(std.mean()), scatter)
 
-    def _worst_length(self, posterior: Posterior) -> tuple[str, float]:
+    def _worst_length(self, posterior: Fit) -> tuple[str, float]:
         """Return the length with the largest uncertainty, and its 1 σ in mm."""
         # Directions in which the data leave a parameter free are taken out: there σ would be that
         # of the tolerance, whatever is measured.

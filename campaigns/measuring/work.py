@@ -13,7 +13,7 @@ from pydantic import JsonValue
 
 from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.error_sources import TRACKER_SOURCES
-from campaigns.fit.posterior import Posterior
+from campaigns.fit.fit import Fit
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Outcome, Stage
 from campaigns.journal.views import AcceptedShot
@@ -149,7 +149,7 @@ class Work:
         """Fit the accepted shots of a series; return their uncertainty, None for too few."""
         return self.uncertainty_monitor.fitted(shot.outcome for shot in shots)
 
-    def noise_by(self, posterior: Posterior | None) -> ReferenceNoise:
+    def noise_by(self, posterior: Fit | None) -> ReferenceNoise:
         """Return the noise of poses measured twice: the tracker's, and the robot's own scatter.
 
         With too few shots to estimate the scatter, it is taken for a quarter of the limit of drift.
@@ -159,7 +159,7 @@ class Work:
         # elementwise sum of two symmetric matrices, counts what is given back.
         instrument, freedom = self.options.instrument, 0.0
         if posterior is not None:
-            used = (posterior.covariance * posterior.prior).sum()
+            used = (posterior.covariance * posterior.precision).sum()
             freedom = 3.0 * posterior.kept.sum() - len(posterior.covariance) + float(used)
         if posterior is None or freedom < FEWEST_FREEDOM:
             limit_mm = self.gate.drift_mm

@@ -23,7 +23,7 @@ from campaigns.arrays import Array
 from campaigns.design.pose_sampling import sample_workspace
 from campaigns.design.tours import positive_approach_shares
 from campaigns.errors import ConfigInvalid, PlanInvalid
-from campaigns.fit.error_model import ErrorModel, Linearised, Observations
+from campaigns.fit.error_model import ErrorModel, Observations, Prediction
 from campaigns.fit.rigid_transforms import Transform
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.fit.uncertainty import (
@@ -99,7 +99,9 @@ def forecast(
     covariance = np.asarray(np.linalg.inv(prior_precision(model) + information), dtype=np.float64)
     # Directions that shots leave at their prior are datum, not result: σ of parameters is stated
     # without them. They count in σ of positions, where they move any.
-    null = null_directions_of(marginal_information(information, size), model.names)
+    null = null_directions_of(
+        marginal_information(information, size), model.names, prior_precision(model)[:size, :size]
+    )
     return Forecast(
         shots=len(rows),
         std=_std_by_name(model, null.transform_covariance(covariance[:size, :size])),
@@ -111,14 +113,14 @@ def forecast(
 
 def linearised_plan(
     model: ErrorModel, joints: Array, poses: Array, approach: Array, tracker_mm: Array
-) -> Linearised:
+) -> Prediction:
     """Return the model linearised at planned shots, the tracker upright in the base frame."""
     # Points as the nominal robot shows them, so residuals are zero. How the tracker's frame is
     # turned is not known before a run, nor does it matter: the fit has its turn as an unknown.
     observations = Observations.unmeasured(joints, poses, approach)
     observations = replace(observations, points=poses[:, :3] - tracker_mm)
     frame = Transform(np.eye(3), -tracker_mm)
-    return model.linearise(observations, np.zeros(len(model.names)), (frame,), poses)
+    return model.predict(np.zeros(len(model.names)), (frame,), observations, poses)
 
 
 def prior_precision(model: ErrorModel) -> Array:

@@ -22,10 +22,10 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError, PlanInvalid
-from campaigns.fit.changes import fit_with_changes
 from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.error_sources import SOURCES, tracker_columns
-from campaigns.fit.posterior import Posterior
+from campaigns.fit.events import explain
+from campaigns.fit.fit import Fit, integrate_sizes
 from campaigns.fit.rigid_transforms import Transform, fit_transform
 from campaigns.fit.tracker_noise import point_covariance_mm2
 from campaigns.fit.uncertainty import null_directions, position_std_mm
@@ -123,7 +123,7 @@ def _simulate(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) ->
     covariance = point_covariance_mm2(points, setup.options.instrument)
     shots = replace(setup.shots, points_in_tracker_mm=points, stated_covariance_mm2=covariance)
     near = setup.nominal.forward(shots.joints, approach=shots.approach).values_or_raise()
-    posterior, _ = fit_with_changes(model, observations_of(shots, near, setup.options))
+    posterior = integrate_sizes(explain(model, observations_of(shots, near, setup.options)))
     errors, std = _parameter_errors(posterior, true)
     real_mm, stated_mm = _position_errors_mm(setup, posterior, robot)
     return CampaignEstimate(
@@ -168,7 +168,7 @@ def _draw_noise(setup: StudySetup, points: Array, rng: np.random.Generator) -> A
     return np.asarray((roots @ rng.standard_normal((*points.shape, 1)))[..., 0])
 
 
-def _parameter_errors(posterior: Posterior, true: Array) -> tuple[Array, Array]:
+def _parameter_errors(posterior: Fit, true: Array) -> tuple[Array, Array]:
     """Return errors and stated σ of the robot's parameters, (F,), in file units."""
     # Only the difference to the truth is put into the datum: a shift of all arms together is no
     # error, since no shot can show it, and σ leaves out the same directions.
@@ -180,9 +180,7 @@ def _parameter_errors(posterior: Posterior, true: Array) -> tuple[Array, Array]:
     return off[:count] * scale, np.sqrt(np.maximum(variance[:count], 0.0)) * scale
 
 
-def _position_errors_mm(
-    setup: StudySetup, posterior: Posterior, true: Kinematics
-) -> tuple[float, float]:
+def _position_errors_mm(setup: StudySetup, posterior: Fit, true: Kinematics) -> tuple[float, float]:
     """Return the real error of positions and their stated 1 σ, both rms over the workspace, mm."""
     # Both robots take the joints of the nominal one at the workspace's poses. The frame of the
     # identified robot is arbitrary, so the best rigid fit is taken off before the comparison, as

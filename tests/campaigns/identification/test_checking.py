@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rod_campaigns import SMALL, rod_campaign
 
-from campaigns.api import sample_workspace
+from campaigns.api import find_robot, sample_workspace
 from campaigns.errors import IdentificationRefused
 from campaigns.fit.rigid_transforms import from_paper_angles
 from campaigns.identification.checking import check
@@ -57,11 +57,28 @@ def test_a_moved_encoder_is_named_and_the_update_corrects_it(former):
     assert after_mm < 2.0 * updated.position_std_mm.rms
 
 
-def test_too_few_shots_decide_nothing_and_another_model_is_refused(former):
+def test_too_few_shots_decide_nothing(former):
     campaign, found, how = former
     nominal = campaign.robot.kinematics
     judged = check(nominal, few(former, count=4), found.posterior, how)
     assert judged.decision == "not decided"
     assert "4 shots are too few" in judged.says
+
+
+def test_held_parameters_and_a_former_result_with_held_ones_can_be_checked(former):
+    campaign, found, _ = former
+    nominal = campaign.robot.kinematics
+    fixed = IdentificationOptions(fix=("rods",))
+    assert check(nominal, few(former), found.posterior, fixed).decision == "pass"
+    held = identify(nominal, campaign.shots, fixed)
+    assert check(nominal, few(former), held.posterior, IdentificationOptions()).decision == "pass"
+
+
+def test_a_result_of_another_kind_of_robot_is_refused(former):
+    campaign, found, how = former
+    other = find_robot("linear-delta").kinematics
+    poses = sample_workspace(find_robot("linear-delta"), 8)
+    joints = other.inverse(poses).values_or_raise()
+    shots = replace(few(former), joints=joints, approach=np.zeros_like(joints), commanded=poses)
     with pytest.raises(IdentificationRefused, match="other unknowns"):
-        check(nominal, few(former), found.posterior, IdentificationOptions(fix=("rods",)))
+        check(other, shots, found.posterior, how)

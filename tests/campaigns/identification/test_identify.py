@@ -138,10 +138,23 @@ def test_of_two_steps_neither_leaves_a_change_without_a_size(clean):
 
 def test_joints_of_another_instant_are_a_scatter_that_no_robot_has(clean):
     campaign, _ = clean
-    lagging = campaign.shots.joints + 0.02 * np.roll(campaign.shots.joints, 1, axis=0)
-    result = identified(with_joints(campaign, lagging))
+    rng = np.random.default_rng(7)
+    moved = campaign.shots.joints + np.radians(0.3) * rng.standard_normal(
+        campaign.shots.joints.shape
+    )
+    result = identified(with_joints(campaign, moved))
     assert result.verdict == "fail"
     assert findings.SCATTER in obstacles(result)
+
+
+def test_joints_read_before_they_arrived_are_corrected_and_named(clean):
+    campaign, _ = clean
+    joints = campaign.shots.joints
+    lagging = joints + 0.001 * (np.roll(joints, 1, axis=0) - joints)
+    result = identified(with_joints(campaign, lagging))
+    (lag,) = [finding for finding in result.findings if finding.name == findings.LAG]
+    assert lag.numbers["share"] == pytest.approx(0.001, rel=0.1)
+    assert result.position_std_mm.rms < 0.03
 
 
 def test_a_wrong_nominal_length_is_a_finding_until_it_is_accepted(clean):

@@ -25,7 +25,7 @@ def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
 
 SAFE_PATH = remembered(RobotModel.safe_path)
 JUDGED_POSITIONS = remembered(uncertainty_monitor.judged_positions)
-FIT_WITH_CHANGES = remembered(uncertainty_monitor.fit_with_changes)
+FIT_WITH_CHANGES = remembered(uncertainty_monitor.explain)
 
 
 @pytest.fixture(autouse=True)
@@ -33,4 +33,4 @@ def computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """For these tests alone: others of the process come with other robots."""
     monkeypatch.setattr(RobotModel, "safe_path", SAFE_PATH)
     monkeypatch.setattr(uncertainty_monitor, "judged_positions", JUDGED_POSITIONS)
-    monkeypatch.setattr(uncertainty_monitor, "fit_with_changes", FIT_WITH_CHANGES)
+    monkeypatch.setattr(uncertainty_monitor, "explain", FIT_WITH_CHANGES)

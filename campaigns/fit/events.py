@@ -1,0 +1,529 @@
+"""Events of a campaign: shots that went wrong, parts that changed, a stand that was bumped.
+
+Theory of operation. A fit states the probability of each shot to be good (`fit.py`). What many
+shots show together may be an effect instead: a part that changed at some shot, gears with a period,
+joints read too late, an error in a region for which the model has no column. Hypotheses are sets of
+effects, and are compared by their evidence (`log_evidence`), in which wrong shots, sizes, noise and
+the odds of each effect are priced. So a change of some shots and a set of wrong shots compete.
+
+1. Fit without effects, but for the slow motion of the stand, which is always in the model.
+2. Propose effects from the one linear model of the best fit so far: nothing is assembled again. A
+   change of a part is scanned for over all spans, with the stand's motion and with it held at 0, by
+   the weights of the fit and, where it leaves out several shots, with all shots in it.
+3. Fit each proposal. Take the one with the largest evidence, if it is larger than before, and go to
+   2. A change of the same part at nearly the same shot is moved, not doubled.
+4. Take out every change without which the evidence does not fall.
+
+Several parts often explain one change nearly as well: all of them are reported, not the best alone.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from campaigns.arrays import Array, Index
+from campaigns.fit.effects import (
+    ENCODER_RAD,
+    FRAME,
+    PARTS,
+    STEP_MM,
+    TURN_MRAD,
+    Effect,
+    Lag,
+    Ripple,
+    Step,
+)
+from campaigns.fit.error_model import ErrorModel, Observations
+from campaigns.fit.error_sources import ARCSEC
+from campaigns.fit.fit import Fit, Prior, estimate_sizes_and_noise, fit_model, log_evidence, refit
+from campaigns.fit.layers import likely_layers
+
+ALARM = 0.01
+"""Prior probability that anything changed during a campaign."""
+FEWEST_SHOTS = 3
+"""Least number of shots in a span: fewer are single wrong shots."""
+INTERVAL_ENDS = 60
+"""Shots at which a span of the frame may begin or end, spread over the campaign."""
+MOST_EFFECTS = 12
+"""Effects after which no more are looked for: by then nothing can be said of the robot."""
+INDISTINCT = 4.0
+"""Difference of log evidence within which parts explain a change as well as the best one."""
+MOVED_SHOTS = 3
+"""Shots by which a change of the same part is the same change."""
+USUAL_CHANGES = (1.0, 5.0, 25.0, 125.0)
+"""Sizes of effects in usual sizes, alike likely: a belt that jumps a tooth is 5° off."""
+LEFT_OUT = 3
+"""Shots left out from which proposals with all shots are made: so many may be one change."""
+STAND_HELD = 1e-4
+"""Size of the stand's motion that is as good as none."""
+Kind = Literal["wrong shot", "change", "no assembly"]
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Event: what happened to which shots, all parts that it may be of, and its size."""
+
+    kind: Kind
+    first: int
+    """First shot concerned: its row in the fit, in a result its number."""
+    last: int
+    """Last shot concerned, likewise."""
+    parts: tuple[str, ...] = ()
+    """Parts that explain a change nearly as well, the likeliest first."""
+    size: float = 0.0
+    """mm, or rad of an encoder; of a change the component that is largest in its 1 σ."""
+    std: float = 0.0
+    """1 σ of the size."""
+    is_lasting: bool = False
+    """Whether the robot or the stand of today has the change."""
+
+    @property
+    def leaves_out(self) -> bool:
+        """Whether the shots concerned are left out."""
+        return self.kind != "change"
+
+    def of_shots(self, numbers: Sequence[int]) -> "Event":
+        """Return the event with the numbers (N,) of the shots instead of their rows."""
+        return replace(self, first=numbers[self.first], last=numbers[self.last])
+
+
+def explain(model: ErrorModel, observations: Observations, prior: Prior | None = None) -> Fit:
+    """Fit, and add the effects that the evidence asks for."""
+    return _with_effects(fit_model(model, observations, prior), _hypotheses)
+
+
+def add_steps(fit: Fit) -> Fit:
+    """Add the changes of parts that the evidence asks for; other effects stay as they are."""
+    return _with_effects(fit, _changed)
+
+
+def add_changes_since_prior(fit: Fit) -> Fit:
+    """Add the parts that changed between a former result, the fit's prior, and all of its shots."""
+    return _with_effects(fit, _changed_since_prior)
+
+
+def with_steps_of(whole: Fit, fit: Fit) -> Fit:
+    """Return a fit of some of the shots with the changes that all shots show."""
+    steps = tuple(step for step in steps_of(whole) if step.covers(fit.observations.moment).any())
+    if {step.name for step in steps} == {step.name for step in steps_of(fit)}:
+        return fit
+    others = tuple(effect for effect in fit.model.effects if not isinstance(effect, Step))
+    return refit(fit, fit.model.with_effects((*others, *steps)))
+
+
+def _with_effects(fit: Fit, hypotheses: Callable[[Fit], Iterable[tuple[Effect, ...]]]) -> Fit:
+    """Add effects as long as the evidence rises, and take out changes that add nothing."""
+    evidence = log_evidence(fit)
+    while len(fit.model.effects) < MOST_EFFECTS:
+        trials = [_fit_with(fit, effects) for effects in hypotheses(fit)]
+        finite = [trial for trial in trials if trial is not None]
+        best = max(finite, key=lambda trial: trial[1], default=None)
+        if best is None or best[1] <= evidence:
+            break
+        fit, evidence = best
+    while (simpler := _without_superfluous(fit, evidence)) is not None:
+        fit, evidence = simpler
+    return fit
+
+
+def _fit_with(fit: Fit, effects: tuple[Effect, ...]) -> tuple[Fit, float] | None:
+    """Return the fit with these effects and its evidence; None if it is no number."""
+    result = refit(fit, fit.model.with_effects(effects))
+    for _ in range(2):  # the rate of a ripple enters by a column: linearise it anew
+        tuned = _retuned(result)
+        if tuned is result.model.effects:
+            break
+        result = refit(result, result.model.with_effects(tuned))
+    evidence = log_evidence(result)
+    return (result, evidence) if np.isfinite(evidence) else None
+
+
+def _retuned(fit: Fit) -> tuple[Effect, ...]:
+    """Return the effects, those linear in all unknowns as they are."""
+    effects = fit.model.effects
+    places = fit.model.effect_places
+    tuned = tuple(
+        effect.retuned(fit.at.x[where]) for effect, where in zip(effects, places, strict=True)
+    )
+    same = all(new is old for new, old in zip(tuned, effects, strict=True))
+    return effects if same else tuned
+
+
+def _without_superfluous(fit: Fit, evidence: float) -> tuple[Fit, float] | None:
+    """Return the fit without the change that later ones made superfluous; None if there is none."""
+    trials = [
+        trial
+        for step in steps_of(fit)
+        if (trial := _fit_with(fit, tuple(e for e in fit.model.effects if e is not step)))
+    ]
+    best = max(trials, key=lambda trial: trial[1], default=None)
+    return best if best is not None and best[1] >= evidence else None
+
+
+def steps_of(fit: Fit) -> tuple[Step, ...]:
+    """Return the changes among a fit's effects."""
+    return tuple(effect for effect in fit.model.effects if isinstance(effect, Step))
+
+
+def _hypotheses(fit: Fit) -> Iterator[tuple[Effect, ...]]:
+    """Yield the sets of effects that are worth a fit."""
+    yield from _changed(fit)
+    for effect in (*_likely_ripples(fit), *_likely_lag(fit), *likely_layers(fit)):
+        yield (*fit.model.effects, effect)
+
+
+def _changed(fit: Fit) -> Iterator[tuple[Effect, ...]]:
+    """Yield the effects with one change more, or with one moved to nearby shots."""
+    effects = fit.model.effects
+    proposed: dict[tuple[str, float, float], Step] = {}
+    for variant in _variants(fit):
+        step = _likeliest_step(variant)
+        if step is not None:
+            proposed.setdefault((step.part, step.since, step.until), step)
+    present = {(step.part, step.since, step.until) for step in steps_of(fit)}
+    for key, step in proposed.items():
+        if key in present:
+            continue
+        others = tuple(effect for effect in effects if not _is_same_change(effect, step))
+        yield (*others, step)
+        if len(others) < len(effects):
+            yield (*effects, step)
+
+
+def _changed_since_prior(fit: Fit) -> Iterator[tuple[Effect, ...]]:
+    """Yield the effects with one more part that changed before the first shot."""
+    parts, present = candidate_parts(fit.model), {step.part for step in steps_of(fit)}
+    proposed: dict[str, Step] = {}
+    for variant in _variants(fit):
+        evidence = log_factors_since_prior(variant)
+        values = np.array(list(evidence.values()))
+        if np.logaddexp.reduce(values) > np.log(len(values) / ALARM):
+            likely = likely_parts(evidence)
+            odds = float(np.log(ALARM / len(values)))
+            proposed.setdefault(likely[0], replace(parts[likely[0]], parts=likely, log_odds=odds))
+    for part, step in proposed.items():
+        if part not in present:
+            yield (*fit.model.effects, step)
+
+
+def log_factors_since_prior(fit: Fit) -> dict[str, float]:
+    """Return the log Bayes factor of a change of each part that all shots show.
+
+    For shots fitted with a former result as prior. The frame of a new stand is flat and shows no
+    change.
+    """
+    whole = np.array([[0, len(fit.good)]])
+    parts = [part for part in candidate_parts(fit.model) if part != FRAME]
+    candidates = scan(fit, dict.fromkeys(parts, whole))
+    return {part: float(of_part.log_factors[0]) for part, of_part in candidates.items()}
+
+
+# A change z of one unknown with information I raises log B by ½ z² I less ½ log(1 + I): it is found
+# once the mean over M parts exceeds 1 / α.
+def visible_changes(fit: Fit) -> dict[str, float]:
+    """Return the smallest change of each kind of part that all shots would show, rad or mm.
+
+    That is of any arm, and in any direction of a mount.
+    """
+    parts = {part: step for part, step in candidate_parts(fit.model).items() if part != FRAME}
+    visible: dict[str, float] = {}
+    for part, step in parts.items():
+        columns = fit.at.columns_of(step, fit.observations)
+        weighted = fit.weights @ columns
+        shared = np.einsum("nik,niq->kq", weighted, fit.at.jacobian, optimize=True)
+        information = np.einsum("nik,nil->kl", weighted, columns) - shared @ fit.inverse @ shared.T
+        least = max(float(np.linalg.eigvalsh(information)[0]), 1e-12)
+        needed = np.log(len(parts) * len(USUAL_CHANGES) / ALARM) + 0.5 * np.log1p(least)
+        word = part.split()[0]
+        usual = ENCODER_RAD if word == "encoder" and fit.model.is_revolute else STEP_MM
+        size = usual * float(np.sqrt(2.0 * needed / least))
+        visible[word] = max(visible.get(word, 0.0), size)
+    return visible
+
+
+def _is_same_change(effect: Effect, step: Step) -> bool:
+    """Return whether an effect is a change of the same part at nearly the same shot."""
+    if not isinstance(effect, Step) or effect.part != step.part:
+        return False
+    return abs(effect.since - step.since) <= MOVED_SHOTS
+
+
+def _variants(fit: Fit) -> Iterator[Fit]:
+    """Yield the fits on the same linear model by which changes are proposed."""
+    yield fit
+    yield _with_stand_held(fit)
+    if (fit.usable & ~fit.kept).sum() >= LEFT_OUT:
+        # a change may be what looks like wrong shots: with all of them, by the noise of the good
+        # ones and by that which all show together
+        whole = replace(fit, good=fit.usable.astype(np.float64))
+        for variant in (whole, estimate_sizes_and_noise(whole, 12)):
+            yield variant
+            yield _with_stand_held(variant)
+
+
+def _with_stand_held(fit: Fit) -> Fit:
+    """Return the fit without slow motion of the stand, which takes up small steps of the frame."""
+    return replace(fit, sizes={**fit.sizes, "stand": STAND_HELD}) if "stand" in fit.sizes else fit
+
+
+# A part's usual change in tolerances of the unknowns that describe it.
+def candidate_parts(model: ErrorModel) -> dict[str, Step]:
+    """Return a change of each part that may change, over all shots, by the part's name."""
+    usual = (TURN_MRAD,) * 3 + (STEP_MM,) * 3
+    parts = {FRAME: Step(FRAME, -np.inf, np.inf, usual, tuple(range(6)), 6)}
+    table, size = model.nominal.mechanism.parameters, len(model.names)
+    for arm in range(table.arms):
+        for word, stems in PARTS.items():
+            places = tuple(
+                place
+                for place, name in enumerate(model.parameters)
+                if table[name].arm == arm and table[name].field.stem in stems
+            )
+            step = ENCODER_RAD if word == "encoder" and model.is_revolute else STEP_MM
+            changes = tuple((step / model.tolerance[list(places)]).tolist())
+            if places:
+                name = f"{word} {arm}"
+                parts[name] = Step(name, -np.inf, np.inf, changes, places, size)
+    return parts
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """Changes of one part: its column over the spans, and their log Bayes factors."""
+
+    spans: Index
+    """Rows, first and behind the last, (M, 2)."""
+    log_factors: Array
+    """(M,)"""
+
+
+# Linear Gaussian model: with the columns c and their unknowns z ~ N(0, s²) the residual has the
+# covariance M + s² c c' instead of M, where M⁻¹ = W - W A C A' W has all other unknowns integrated
+# out. With the residuals r at the minimum the logarithm of the ratio of both densities is
+#
+#     log B = ½ s² u'(s² I + 1)⁻¹ u - ½ log |s² I + 1|,   u = Σ c'W r,
+#     I = Σ c'W c - (Σ c'W A) C (Σ A'W c)
+#
+# and the mean of B over the sizes s counts. Sums over spans come from running sums, so that many
+# spans cost little more than one.
+def scan(fit: Fit, spans_of: Mapping[str, Index]) -> dict[str, Candidates]:
+    """Return the candidates of each part that has spans (M, 2)."""
+    weighted_jacobian = fit.weights @ fit.at.jacobian
+    weighted_residual = fit.weights @ fit.residual[..., None]
+    candidates = {}
+    for part, step in candidate_parts(fit.model).items():
+        if part not in spans_of:
+            continue
+        spans, columns = spans_of[part], fit.at.columns_of(step, fit.observations)
+        transposed = columns.swapaxes(1, 2)
+        score = _sum_over_spans(transposed @ weighted_residual, spans)
+        shared = _sum_over_spans(transposed @ weighted_jacobian, spans)
+        alone = _sum_over_spans(transposed @ (fit.weights @ columns), spans)
+        information = alone - shared @ fit.inverse @ shared.swapaxes(1, 2)
+        candidates[part] = Candidates(spans, log_bayes_factors(score, information))
+    return candidates
+
+
+def log_bayes_factors(score: Array, information: Array) -> Array:
+    """Return log B (M,) of scores u (M, k, 1) and information I (M, k, k), the mean over sizes."""
+    log_factors = []
+    for size in USUAL_CHANGES:
+        matrix = size**2 * information + np.eye(information.shape[-1])
+        gain = size**2 * (score * np.linalg.solve(matrix, score))[..., 0].sum(axis=-1)
+        log_factors.append(0.5 * gain - 0.5 * np.linalg.slogdet(matrix)[1])
+    return np.asarray(np.logaddexp.reduce(log_factors, axis=0) - np.log(len(USUAL_CHANGES)))
+
+
+def _sum_over_spans(rows: Array, spans: Index) -> Array:
+    """Return the sums of rows (N, …) over spans (M, 2), as differences of running sums."""
+    sums = np.concatenate([np.zeros((1, *rows.shape[1:])), np.cumsum(rows, axis=0)])
+    return np.asarray(sums[spans[:, 1]] - sums[spans[:, 0]])
+
+
+def _likeliest_step(fit: Fit) -> Step | None:
+    """Return the likeliest change, if the mean Bayes factor of all makes any change likely."""
+    count, parts = len(fit.good), candidate_parts(fit.model)
+    steps = _steps(count)
+    spans_of = dict.fromkeys(parts, steps)
+    spans_of[FRAME] = np.concatenate([steps, _intervals(count)])
+    candidates = scan(fit, spans_of)
+    values = np.concatenate([of_part.log_factors for of_part in candidates.values()])
+    if not len(values) or np.logaddexp.reduce(values) <= np.log(len(values) / ALARM):
+        return None
+    best = max(candidates, key=lambda part: float(candidates[part].log_factors.max()))
+    row = int(candidates[best].log_factors.argmax())
+    since, until = candidates[best].spans[row].tolist()
+    # where the shot of the change is uncertain, the neighbouring spans count too
+    evidence = {
+        part: float(np.logaddexp.reduce(of_part.log_factors))
+        for part, of_part in candidates.items()
+    }
+    moments = fit.observations.moment
+    return replace(
+        parts[best],
+        since=float(moments[since]),
+        until=float(moments[until]) if until < count else np.inf,
+        parts=likely_parts(evidence),
+        log_odds=float(np.log(ALARM / len(values))),
+    )
+
+
+def _steps(count: int) -> Index:
+    """Return the spans (M, 2) of changes that last from some shot to the last of `count`."""
+    starts = np.arange(FEWEST_SHOTS, count - FEWEST_SHOTS + 1)
+    return np.stack([starts, np.full(len(starts), count)], axis=1)
+
+
+def _intervals(count: int) -> Index:
+    """Return the spans (M, 2) of changes of the frame that were taken back: a stand put right."""
+    ends = np.unique(np.linspace(FEWEST_SHOTS, count - FEWEST_SHOTS, INTERVAL_ENDS).astype(int))
+    pairs = [(first, last) for first in ends for last in ends if last > first + FEWEST_SHOTS]
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2)
+
+
+def likely_parts(evidence: Mapping[str, float]) -> tuple[str, ...]:
+    """Return the parts whose log evidence is close to the best part's, the best part first."""
+    order = sorted(evidence, key=evidence.__getitem__, reverse=True)
+    return tuple(part for part in order if evidence[part] > evidence[order[0]] - INDISTINCT)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PeriodScan:
+    """Scan over the periods of drives: the log Bayes factor of each rate."""
+
+    rates: Array
+    """rad per rad or per mm of the joints, (R,)."""
+    log_factors: Array
+    """(R, 1 + n): of one rate in all arms, then of a rate in each arm alone."""
+
+    @property
+    def log_mean(self) -> float:
+        """Log mean factor: half for a rate that all arms have, half for rates of single arms."""
+        means = np.logaddexp.reduce(self.log_factors, axis=0) - np.log(len(self.rates))
+        alone = np.logaddexp.reduce(means[1:]) - np.log(len(means) - 1)
+        return float(np.logaddexp(means[0], alone) - np.log(2.0))
+
+
+# Rates from 6 to 250 periods a turn of cranks, from 80 to 3 mm a period of carriages, so close that
+# neighbouring rates differ by a quarter period over the joints' motion.
+def scan_periods(fit: Fit) -> PeriodScan:
+    """Return the factors of periodic errors of the joints by their rate."""
+    joints, model = fit.observations.joints, fit.model
+    low, high = (6.0, 250.0) if model.is_revolute else (2.0 * np.pi / 80.0, 2.0 * np.pi / 3.0)
+    rates = np.arange(low, high, 0.5 * np.pi / np.ptp(joints, axis=0).max())
+    return PeriodScan(rates, _factors_of_rates(fit, rates))
+
+
+def _factors_of_rates(fit: Fit, rates: Array) -> Array:
+    """Return the log Bayes factors (R, 1 + n) of sine and cosine of each rate."""
+    # W = L L' whitens rows; F = L'A, so that information is c'c - |K c|² with K = (F chol C)'.
+    joints, arms = fit.observations.joints, fit.observations.joints.shape[1]
+    whitening = np.linalg.cholesky(fit.weights + 1e-30 * np.eye(3)).swapaxes(1, 2)
+    jacobian = (whitening @ fit.at.jacobian).reshape(3 * len(joints), -1)
+    residual = (whitening @ fit.residual[..., None]).ravel()
+    known = (jacobian @ np.linalg.cholesky(fit.inverse)).T
+    by_joint = (whitening @ fit.at.by_joint) * ripple_tolerance(fit.model)
+    log_factors = np.empty((len(rates), 1 + arms))
+    for number, rate in enumerate(rates):
+        waves = np.stack([np.sin(rate * joints), np.cos(rate * joints)], axis=2)
+        columns = (by_joint[..., None] * waves[:, None]).reshape(len(residual), 2 * arms)
+        score, shared = columns.T @ residual, known @ columns
+        information = columns.T @ columns - shared.T @ shared
+        log_factors[number, 0] = _log_factor(score, information)
+        for arm in range(arms):
+            rows = slice(2 * arm, 2 * arm + 2)
+            log_factors[number, 1 + arm] = _log_factor(score[rows], information[rows, rows])
+    return log_factors
+
+
+def _log_factor(score: Array, information: Array) -> float:
+    """Return log B of a score u (k,) and information I (k, k) at the usual size."""
+    matrix = information + np.eye(len(score))
+    gain = float(score @ np.linalg.solve(matrix, score))
+    return 0.5 * gain - 0.5 * float(np.linalg.slogdet(matrix)[1])
+
+
+def ripple_tolerance(model: ErrorModel) -> float:
+    """Return the usual amplitude of a ripple, rad or mm."""
+    return 20 * ARCSEC if model.is_revolute else 0.02
+
+
+def _likely_ripples(fit: Fit) -> Iterator[Ripple]:
+    """Yield the likeliest periodic error, if any period is likelier than none."""
+    result = scan_periods(fit)
+    if result.log_mean <= 0.0:
+        return
+    rates, arms = result.rates, fit.observations.joints.shape[1]
+    means = np.logaddexp.reduce(result.log_factors, axis=0)
+    means[1:] -= np.log(arms)
+    best = int(means.argmax())
+    step = float(rates[1] - rates[0])
+    # the peak lies between the rates of the grid: look closer, and estimate the rate in the fit
+    peak = float(rates[result.log_factors[:, best].argmax()])
+    fine = peak + step * np.linspace(-1.0, 1.0, 21)
+    rate = float(fine[_factors_of_rates(fit, fine)[:, best].argmax()])
+    moved = tuple(range(arms)) if best == 0 else (best - 1,)
+    odds = -np.log(2.0 * len(rates) * (1 if best == 0 else arms))
+    yield Ripple(moved, rate, step, ripple_tolerance(fit.model), float(odds))
+
+
+def _likely_lag(fit: Fit) -> Iterator[Lag]:
+    """Yield a lag of the joints, if its Bayes factor is above 1."""
+    lag = Lag(fit.observations.joints.shape[1])
+    if any(isinstance(effect, Lag) for effect in fit.model.effects):
+        return
+    columns = fit.at.columns_of(lag, fit.observations)
+    if columns.any() and whole_log_factor(fit, columns) > 0.0:
+        yield lag
+
+
+def whole_log_factor(fit: Fit, columns: Array) -> float:
+    """Return the log Bayes factor of columns (N, 3, k) over all shots."""
+    weighted = fit.weights @ columns
+    score = np.einsum("nik,ni->k", weighted, fit.residual)[None, :, None]
+    shared = np.einsum("nik,niq->kq", weighted, fit.at.jacobian, optimize=True)
+    alone = np.einsum("nik,nil->kl", weighted, columns, optimize=True)
+    return float(log_bayes_factors(score, (alone - shared @ fit.inverse @ shared.T)[None])[0])
+
+
+def events_of(fit: Fit) -> tuple[Event, ...]:
+    """Return everything that happened, in the order of time."""
+    events = [*_changes(fit), *_wrong_shots(fit)]
+    return tuple(sorted(events, key=lambda event: event.first))
+
+
+def _wrong_shots(fit: Fit) -> Iterator[Event]:
+    """Yield the shots without an assembly, and those that contradict all others."""
+    residual, covariance = fit.cavity
+    for row in np.flatnonzero(~fit.kept).tolist():
+        if not fit.usable[row]:
+            yield Event("no assembly", row, row)
+            continue
+        size = float(np.linalg.norm(residual[row]))
+        along = residual[row] / max(size, 1e-12)
+        std = float(np.sqrt(along @ covariance[row] @ along))
+        yield Event("wrong shot", row, row, size=size, std=std)
+
+
+# `moves` turn the unknowns of a change into sizes in mm or rad; of a frame these are the shifts of
+# its points. The size with the largest |size| / σ is reported.
+def _changes(fit: Fit) -> Iterator[Event]:
+    """Yield the changes of parts with their sizes: of a frame the motion of its points."""
+    moments = fit.observations.moment
+    for effect, where in zip(fit.model.effects, fit.model.effect_places, strict=True):
+        if not isinstance(effect, Step):
+            continue
+        rows = np.flatnonzero(effect.covers(moments))
+        z, covariance = fit.at.x[where], fit.covariance[where, where]
+        if effect.part == FRAME:  # a turn moves each point by another amount
+            moves = fit.at.columns_of(effect, fit.observations)[rows].reshape(-1, len(z))
+        else:
+            is_angle = effect.part.startswith("encoder") and fit.model.is_revolute
+            moves = np.eye(len(z)) * (ENCODER_RAD if is_angle else STEP_MM)
+        sizes, stds = moves @ z, np.sqrt(np.einsum("ij,jk,ik->i", moves, covariance, moves))
+        surest = int((np.abs(sizes) / stds).argmax())
+        first, last = int(rows[0]), int(rows[-1])
+        size, std = float(sizes[surest]), float(stds[surest])
+        yield Event("change", first, last, effect.parts, size, std, effect.is_lasting)

@@ -1,0 +1,569 @@
+"""Fit of all unknowns at once: robot, tracker, effects, scatter, and which shots are wrong.
+
+Theory of operation. Minimised is
+
+    χ² = Σ w_i r_i' W_i r_i + (x - μ)' D (x - μ)
+
+with residuals r = predicted - measured point (mm), weights W_i = V_i⁻¹ of each shot's noise, the
+probability w_i of the shot to be good, unknowns x in tolerances, and the priors' mean μ and
+precision D. Everything else is unknown as well, and estimated between the steps in the model as it
+is linearised there:
+
+    noise      V = Σ φ_k V_k over its parts: what the tracker stated (φ = 1) or its data sheet along
+               and across the beam, the scatter of the robot's point, and of its joints
+    priors     a group g of unknowns has N(0, ρ_g²) in tolerances
+    weights    w_i = P(good) by the fit without shot i (`wrong_shots.py`)
+
+All φ and ρ follow from restricted maximum likelihood (REML) with a half-Cauchy prior on each size,
+by the fixed point of geodesy's variance components (Helmert, Förstner): each variance is multiplied
+by the squares that it explains over its redundancy, the number of unknowns or coordinates by which
+the shots determine it,
+
+    group of unknowns   squares Σ x²/ρ²               redundancy Σ (1 - C_jj/ρ²)
+    part of the noise   squares φ Σ w v'W V_k W v     redundancy φ Σ tr V_k w (W - w W A C A' W)
+
+with residuals v, derivatives A, posterior covariance C = (Σ w A'WA + D)⁻¹. As every source of error
+has a prior, no parameter has to be held and no model to be chosen: what no shot determines stays at
+nominal, with its tolerance as its σ.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from campaigns.arrays import Array, Index, Mask
+from campaigns.fit import wrong_shots
+from campaigns.fit.error_model import (
+    ErrorModel,
+    Observations,
+    Prediction,
+    first_frames,
+    moved_frames,
+)
+from campaigns.fit.error_sources import SCATTER_TOLERANCE_MM, scatter_tolerance_of_joints
+from campaigns.fit.rigid_transforms import Transform
+
+MOST_ROUNDS = 40
+FAR_ROUNDS = 6
+"""Rounds after which weights are estimated though steps are still large: with a third of the points
+centimetres off they never become small before."""
+SETTLED_GAIN = 1e-2
+"""Gain in χ² of a step that ends the fit: a tenth of a standard deviation."""
+NEAR_GAIN = 1.0
+"""Gain of a step below which weights, sizes and noise are estimated: a standard deviation."""
+LEAST_UPDATES = 2
+"""Least number of estimates of weights, sizes and noise: the second is at the settled unknowns."""
+SETTLED_WEIGHT = 0.02
+"""Change of a weight below which all are settled."""
+ALLOWED_RISE = 0.02
+"""Rise of χ² that is rounding of the assembly, not a step too far."""
+NOISE_RANGE = (1e-7, 1e6)
+"""Range of the noise's factors, far beyond any instrument or robot."""
+ROUNDS_OF_SIZES = 4
+"""Rounds of the sizes of groups in each round of the noise, which costs far more: new weights need
+new normal equations, new sizes only another inverse of them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prior:
+    """Results from before the shots, beside the tolerances."""
+
+    mean: Array | None = None
+    """Mean (P,) of a former result, in tolerances; None: nominal."""
+    precision: Array | None = None
+    """Precision (P, P) of a former result, instead of the tolerances; None: the tolerances hold."""
+    factors: Mapping[str, float] = field(default_factory=dict)
+    """Factors of the noise's parts by a former result, which stay; empty: they are estimated."""
+    lengths: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Value and 1 σ of a tracker's source that known lengths measured, instead of its tolerance, in
+    the source's unit: mm, rad or a ratio."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Model fitted to observations: linearised at the estimates, with weights, sizes and noise."""
+
+    model: ErrorModel
+    observations: Observations
+    prior: Prior
+    at: Prediction
+    """The model at the estimates."""
+    noise: dict[str, Array]
+    """Parts V_k of the noise, (N, 3, 3) by name, before their factors."""
+    usable: Mask
+    """Shots whose joints assemble, (N,)."""
+    good: Array
+    """Probability of each shot to be good, its weight in the fit, (N,)."""
+    sizes: dict[str, float]
+    """Size ρ of each group of unknowns, in tolerances."""
+    factors: dict[str, float]
+    """Factor φ of each part of the noise."""
+    spread: Array | None = None
+    """Covariance (Q, Q) beyond that at these sizes: by what the sizes may be."""
+    rounds: int = 0
+    """Linearisations so far."""
+    updates: int = 0
+    """Estimates of weights, sizes and noise since the start."""
+    has_converged: bool = False
+    """Whether the last step would gain less than 1 in χ², with sizes that have settled."""
+
+    @property
+    def x(self) -> Array:
+        """Estimates of the model's own unknowns in tolerances, (P,)."""
+        return self.at.x[: len(self.model.names)]
+
+    @property
+    def kept(self) -> Mask:
+        """Shots that counted, (N,)."""
+        return np.asarray(self.good >= 0.5)
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Names of the tracker's sources that known lengths measured."""
+        return tuple(self.prior.lengths)
+
+    @cached_property
+    def total_noise(self) -> Array:
+        """Covariance of each shot, (N, 3, 3)."""
+        return np.asarray(sum(self.factors[part] * v for part, v in self.noise.items()))
+
+    @cached_property
+    def inverse_noise(self) -> Array:
+        """Inverse W of the covariance of each shot, (N, 3, 3)."""
+        return np.asarray(np.linalg.inv(self.total_noise))
+
+    @cached_property
+    def weights(self) -> Array:
+        """Weights w W of the shots, (N, 3, 3)."""
+        return np.asarray(self.good[:, None, None] * self.inverse_noise)
+
+    @cached_property
+    def normal(self) -> tuple[Array, Array]:
+        """Normal equations of all shots: A'WA (Q, Q) and A'Wr (Q,)."""
+        jacobian = self.at.jacobian
+        rows = jacobian.reshape(-1, jacobian.shape[2])
+        weighted = (self.weights @ jacobian).reshape(rows.shape)
+        return weighted.T @ rows, weighted.T @ self.at.residual.ravel()
+
+    @cached_property
+    def prior_terms(self) -> tuple[Array, Array]:
+        """Precision (Q, Q) of the priors whose size is not learned; deviations (Q,) from means."""
+        # A tolerance is a precision of 1. A length known to σ, of a source with tolerance τ, is the
+        # precision (τ / σ)² about its value / τ. Frames have no prior.
+        model, prior, count = self.model, self.prior, len(self.model.names)
+        size = self.at.jacobian.shape[2]
+        deviation = np.concatenate([self.at.x, np.zeros(size - model.size)])
+        precision = np.zeros((size, size))
+        if prior.precision is not None and prior.mean is not None:
+            precision[:count, :count] = prior.precision
+            deviation[:count] -= prior.mean
+            own = np.zeros(count)
+        else:
+            own = np.ones(count)
+        diagonal = np.concatenate([own, np.ones(model.size - count), np.zeros(size - model.size)])
+        for places in self.groups.values():
+            diagonal[places] = 0.0
+        for source, (value, std) in prior.lengths.items():
+            place = model.names.index(source)
+            diagonal[place] = (model.tolerance[place] / std) ** 2
+            deviation[place] = self.at.x[place] - value / model.tolerance[place]
+        return precision + np.diag(diagonal), deviation
+
+    @cached_property
+    def groups(self) -> dict[str, Index]:
+        """Places of the unknowns of each group whose size is learned."""
+        # a former result replaces the tolerances, and with them the sizes of the table's groups
+        replaced = self.model.learned if self.prior.precision is not None else {}
+        return {g: places for g, places in self.model.sized_groups.items() if g not in replaced}
+
+    def precision_with(self, sizes: Mapping[str, float]) -> Array:
+        """Return the precision (Q, Q) of all priors with these sizes of the groups."""
+        precision = self.prior_terms[0].copy()
+        for group, places in self.groups.items():
+            precision[places, places] = sizes[group] ** -2
+        return precision
+
+    @cached_property
+    def precision(self) -> Array:
+        """Precision (Q, Q) of all priors."""
+        return self.precision_with(self.sizes)
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Posterior covariance (Q, Q) at these sizes and this noise."""
+        return np.asarray(np.linalg.inv(self.normal[0] + self.precision))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Posterior covariance (Q, Q) of unknowns in tolerances, effects and frames."""
+        return self.inverse if self.spread is None else self.inverse + self.spread
+
+    @property
+    def model_covariance(self) -> Array:
+        """Covariance of the model's own unknowns in tolerances, (P, P)."""
+        size = len(self.model.names)
+        return self.covariance[:size, :size]
+
+    @property
+    def std(self) -> Array:
+        """1 σ of the model's own unknowns in tolerances, (P,)."""
+        return np.sqrt(np.diag(self.model_covariance))
+
+    @cached_property
+    def step(self) -> Array:
+        """Gauss-Newton step to the minimum of the linearised model, (Q,)."""
+        return np.asarray(-self.inverse @ self._slope)
+
+    @cached_property
+    def gain(self) -> float:
+        """Fall of χ² by the step: 1 is a step of one standard deviation."""
+        return float(-self._slope @ self.step)
+
+    @cached_property
+    def _slope(self) -> Array:
+        """Half the gradient of χ²."""
+        return self.normal[1] + self.precision @ self.prior_terms[1]
+
+    @cached_property
+    def residual(self) -> Array:
+        """Residuals (N, 3) after the step, in the linearised model."""
+        return np.asarray(self.at.residual + self.at.jacobian @ self.step)
+
+    @cached_property
+    def by_unknowns(self) -> Array:
+        """Covariance A C A' of each predicted point, (N, 3, 3)."""
+        jacobian = self.at.jacobian
+        return np.asarray((jacobian @ self.inverse) @ jacobian.swapaxes(1, 2))
+
+    @cached_property
+    def cavity(self) -> tuple[Array, Array]:
+        """Residuals (N, 3) and covariances (N, 3, 3) by the fit without each shot."""
+        return wrong_shots.cavity(self.residual, self.by_unknowns, self.total_noise, self.good)
+
+    @property
+    def objective(self) -> float:
+        """χ² of residuals and priors; infinite where a shot that counts has no assembly."""
+        counted = self.good > 0.0
+        residual, deviation = self.at.residual[counted], self.prior_terms[1]
+        value = np.einsum("ni,nij,nj->", residual, self.weights[counted], residual)
+        value += deviation @ self.precision @ deviation
+        return float(value) if np.isfinite(value) else np.inf
+
+    @property
+    def scatter(self) -> tuple[float, float]:
+        """1 σ of the scatter of the robot's point an axis, mm, and of its joints, rad or mm."""
+        # parts of the noise are stated at their tolerances, and factors multiply variances
+        joint = scatter_tolerance_of_joints(revolute=self.model.is_revolute)
+        point, joints = self.factors["points"] ** 0.5, self.factors["joints"] ** 0.5
+        return SCATTER_TOLERANCE_MM * point, joint * joints
+
+
+# Gauss-Newton solves (A'WA + D) step = -(A'W r + D (x - μ)).
+#
+# 1. Begin at nominal with the best frames and without the shots that are far from it, or at an
+#    earlier fit of these shots.
+# 2. While gains are above 1, take steps alone, with all groups and the scatter at their tolerances:
+#    sizes and noise estimated far from the minimum would be those of the misfit. Six rounds at the
+#    most.
+# 3. Then find robust weights from nothing, once (`_robust_start`).
+# 4. From then on estimate weights, sizes and noise before every step, on the same linear model.
+# 5. End when a step gains less than 0.01 and no weight moves by 0.02, or no step lowers χ².
+def fit_model(model: ErrorModel, observations: Observations, prior: Prior | None = None) -> Fit:
+    """Fit all unknowns to the observations.
+
+    Raise `ValueError` where too few shots, or shots on a line, place no frame.
+    """
+    return _iterate(_from_nominal(model, observations, prior or Prior()), FAR_ROUNDS)
+
+
+def refit(
+    start: Fit, model: ErrorModel | None = None, observations: Observations | None = None
+) -> Fit:
+    """Fit again from an earlier fit, with other effects or other observations in its frames."""
+    return _iterate(_from(start, model or start.model, observations), 1)
+
+
+def _iterate(fit: Fit, far_rounds: int) -> Fit:
+    """Take steps until the fit has settled; weights come after `far_rounds` at the latest."""
+    is_started, change, rounds = False, 1.0, 1
+    while rounds < MOST_ROUNDS and not (
+        fit.gain < SETTLED_GAIN and fit.updates >= LEAST_UPDATES and change < SETTLED_WEIGHT
+    ):
+        if is_started or fit.gain < NEAR_GAIN or rounds > far_rounds:
+            if not is_started:
+                fit, is_started = _robust_start(fit), True
+            fit, change = update_weights(fit)
+            fit = replace(fit, updates=fit.updates + 1)
+        following, taken = _step(fit, MOST_ROUNDS - rounds)
+        rounds += taken
+        if following is None:
+            break
+        fit = following
+    has_converged = fit.gain < NEAR_GAIN and fit.updates >= LEAST_UPDATES
+    return replace(fit, rounds=rounds, has_converged=has_converged)
+
+
+def _from_nominal(model: ErrorModel, observations: Observations, prior: Prior) -> Fit:
+    """Return the fit before its first step: nominal or the prior's mean, in the best frames."""
+    _, assembly = model.positions(np.zeros(len(model.names)), observations, observations.near)
+    usable = assembly.is_solved
+    frames, is_near = first_frames(observations, assembly.poses[:, :3], usable)
+    observations = _with_substitutes(observations, usable)
+    at = model.predict(np.zeros(model.size), frames, observations, observations.near)
+    noise = noise_parts(model, observations, at.by_joint)
+    factors = dict.fromkeys(noise, 1.0) | dict(prior.factors)
+    sizes = dict.fromkeys(model.sized_groups, 1.0)
+    return Fit(
+        model, observations, prior, at, noise, usable, is_near.astype(np.float64), sizes, factors
+    )
+
+
+def _from(start: Fit, model: ErrorModel, observations: Observations | None) -> Fit:
+    """Return an earlier fit with the effects of `model`; those that it had keep their values."""
+    before = dict(zip(_names_of(start.model), start.model.effect_places, strict=True))
+    values = [
+        start.at.x[before[name]] if name in before else np.zeros(effect.count)
+        for name, effect in zip(_names_of(model), model.effects, strict=True)
+    ]
+    x = np.concatenate([start.x, *values])
+    sizes = {group: start.sizes.get(group, 1.0) for group in model.sized_groups}
+    fit = replace(start, model=model, sizes=sizes, spread=None, updates=0)
+    if observations is None:
+        return _predicted(fit, x, start.at.frames)
+    _, assembly = model.positions(start.x, observations, observations.near)
+    usable = assembly.is_solved
+    observations = _with_substitutes(observations, usable)
+    at = model.predict(x, start.at.frames, observations, observations.near)
+    noise = noise_parts(model, observations, at.by_joint)
+    factors = {part: start.factors.get(part, 1.0) for part in noise}
+    return replace(
+        fit, observations=observations, at=at, noise=noise, usable=usable, good=usable.astype(np.float64),
+        factors=factors,
+    )  # fmt: skip
+
+
+def _names_of(model: ErrorModel) -> list[tuple[str, int]]:
+    """Return a key for each effect: its name, and its number among those of the same name."""
+    names = [effect.name for effect in model.effects]
+    return [(name, names[:place].count(name)) for place, name in enumerate(names)]
+
+
+def _predicted(fit: Fit, x: Array, frames: tuple[Transform, ...]) -> Fit:
+    """Return the fit linearised at other unknowns."""
+    with np.errstate(all="ignore"):  # a step too far may lead to no assembly
+        at = fit.model.predict(x, frames, fit.observations, fit.at.assembly.unknowns)
+    return replace(fit, at=at, noise=noise_parts(fit.model, fit.observations, at.by_joint))
+
+
+def _step(fit: Fit, most: int) -> tuple[Fit | None, int]:
+    """Take a shortened step; return None if none lowers χ², and the number of trials."""
+    limit = fit.objective * (1.0 + 1e-6) + ALLOWED_RISE
+    step, size = fit.step, fit.model.size
+    for trial in range(most):
+        frames = moved_frames(fit.at.frames, step[size:])
+        following = _predicted(fit, fit.at.x + step[:size], frames)
+        # a step that leads to no assembly has an infinite χ²
+        if following.objective <= limit:
+            return following, trial + 1
+        step = step / 4.0
+    return None, most
+
+
+# At one linear model, nothing is assembled again: Cauchy weights, sizes and noise in turns, until
+# no weight moves by 0.05 or six times; then three concentration steps.
+def _robust_start(fit: Fit) -> Fit:
+    """Return the fit with weights that do not rest on the scatter that all shots show together."""
+    for _ in range(6):
+        expected = (fit.inverse_noise * fit.by_unknowns).sum(axis=(1, 2))
+        chi2 = np.einsum("ni,nij,nj->n", fit.residual, fit.inverse_noise, fit.residual) + expected
+        before, weights = fit.good, wrong_shots.cauchy_weights(chi2) * fit.usable
+        fit = estimate_sizes_and_noise(replace(fit, good=weights), 3, is_cauchy=True)
+        if np.abs(weights - before).max() < 0.05:
+            break
+    for _ in range(3):
+        residual, covariance = fit.cavity
+        scaled = np.linalg.solve(covariance, residual[..., None])[..., 0]
+        core = wrong_shots.core_of((residual * scaled).sum(axis=1), fit.usable)
+        fit = estimate_sizes_and_noise(replace(fit, good=core), 3)
+    return fit
+
+
+def update_weights(fit: Fit) -> tuple[Fit, float]:
+    """Estimate weights, sizes and noise three times; return the last change of a weight, too."""
+    change = 1.0
+    for _ in range(3):
+        share = wrong_shots.share_of_wrong(fit.good, fit.usable)
+        good, wrong = wrong_shots.log_densities(*fit.cavity)
+        weights = wrong_shots.probabilities_of_good(good, wrong, share, fit.usable)
+        change = float(np.abs(weights - fit.good).max())
+        fit = estimate_sizes_and_noise(replace(fit, good=weights), 3)
+        if change < SETTLED_WEIGHT:
+            break
+    return fit, change
+
+
+# In each round sizes come first, four times with the same weights, then the noise. Squares are of
+# residuals and unknowns at the minimum of the linearised model. Changes in a round are limited, for
+# far from the fixed point ratios may be absurd. Rounds end when no size changes by 1 %, and no
+# noticeable part of the noise by 5 % of its variance.
+def estimate_sizes_and_noise(fit: Fit, rounds: int, *, is_cauchy: bool = False) -> Fit:
+    """Iterate the fixed point of sizes and noise at most `rounds` times."""
+    for _ in range(rounds):
+        before = fit.sizes
+        fit = _with_sizes(fit)
+        ratios = _noise_ratios(fit, is_cauchy=is_cauchy)
+        factors = dict(fit.factors)
+        for part, ratio in ratios.items():
+            factors[part] = float(
+                np.clip(factors[part] * np.clip(ratio, 0.01, 100.0), *NOISE_RANGE)
+            )
+        noise_changes = [abs(np.log(r)) for part, r in ratios.items() if factors[part] > 1e-4]
+        size_changes = [abs(np.log(fit.sizes[group] / before[group])) for group in fit.groups]
+        fit = replace(fit, factors=factors)
+        if max(noise_changes, default=0.0) < 0.05 and max(size_changes, default=0.0) < 0.01:
+            break
+    return fit
+
+
+def _with_sizes(fit: Fit) -> Fit:
+    """Return the fit after rounds of the sizes of groups with the same normal equations."""
+    if not fit.groups:
+        return fit
+    sizes, floors = dict(fit.sizes), smallest_sizes(fit.model)
+    (matrix, slope), deviation = fit.normal, fit.prior_terms[1]
+    for _ in range(ROUNDS_OF_SIZES):
+        precision = fit.precision_with(sizes)
+        inverse = np.linalg.inv(matrix + precision)
+        x = deviation - inverse @ (slope + precision @ deviation)
+        variances = np.diag(inverse)
+        for group, places in fit.groups.items():
+            size2 = sizes[group] ** 2
+            squares = float((x[places] ** 2).sum()) / size2
+            redundancy = max(len(places) - float(variances[places].sum()) / size2, 0.0)
+            ratio = np.clip(_ratio_with_prior(squares, redundancy, size2), 0.1, 10.0)
+            sizes[group] = max(float(np.sqrt(size2 * ratio)), floors.get(group, 0.0))
+    solved = replace(fit, sizes=sizes)
+    solved.__dict__["normal"] = fit.normal  # the same weights have the same normal equations
+    return solved
+
+
+def smallest_sizes(model: ErrorModel) -> dict[str, float]:
+    """Return the floors of the sizes of effects that have one."""
+    return {group: effect.smallest_size for effect in model.effects for group, _ in effect.sizes_of}
+
+
+# By λ = log ρ² the derivative of -2 log likelihood is redundancy - squares. The half-Cauchy density
+# 1 / (1 + ρ²) of a size is ρ / (1 + ρ²) as a density of log ρ; -2 log of it is 2 log(1 + ρ²) - λ,
+# with the derivative 2 ρ² / (1 + ρ²) - 1. Both derivatives cancel at the posterior's maximum, where
+# this ratio is 1. For a part of the noise φ is its ρ², for its scale is a tolerance too.
+def _ratio_with_prior(squares: float, redundancy: float, size2: float) -> float:
+    """Return squares over redundancy, each with the share of the half-Cauchy prior on the size."""
+    return (squares + 1.0) / (redundancy + 2.0 * size2 / (1.0 + size2))
+
+
+# With u = W v of the residuals v after the step, squares are φ Σ w u'V_k u. The covariance of v is
+# V / w - A C A' if the model holds, and the redundancy what these squares are expected to be. A
+# Cauchy weight is a property of the shot's error, not of its design: there the expected squares
+# are those of weight 1.
+def _noise_ratios(fit: Fit, *, is_cauchy: bool) -> dict[str, float]:
+    """Return by how much the variance of each estimated part of the noise must be multiplied."""
+    u = (fit.inverse_noise @ fit.residual[..., None])[..., 0]
+    rows = fit.weights @ fit.at.jacobian
+    expected = fit.weights - (rows @ fit.inverse) @ rows.swapaxes(1, 2)
+    if is_cauchy:
+        expected = expected / np.maximum(fit.good, 1e-9)[:, None, None]
+    ratios = {}
+    for part, covariance in fit.noise.items():
+        if part == "stated" or part in fit.prior.factors:
+            continue
+        factor = fit.factors[part]
+        squares = factor * np.einsum("n,ni,nij,nj->", fit.good, u, covariance, u)
+        redundancy = max(factor * float((covariance * expected).sum()), 0.0)
+        ratios[part] = _ratio_with_prior(float(squares), redundancy, factor)
+    return ratios
+
+
+# Parts V_k of a shot's covariance: the tracker's; s² 1 for the scatter of the robot's point, alike
+# in all directions; σ_q² J J' for the scatter of its joints, with J = ∂point/∂joints.
+def noise_parts(model: ErrorModel, observations: Observations, by_joint: Array) -> dict[str, Array]:
+    """Return the parts of the noise (N, 3, 3): the tracker's, the robot's at its tolerances."""
+    joint = scatter_tolerance_of_joints(revolute=model.is_revolute)
+    point = np.broadcast_to(SCATTER_TOLERANCE_MM**2 * np.eye(3), (len(observations), 3, 3))
+    of_joints = joint**2 * by_joint @ by_joint.swapaxes(1, 2)
+    return {**observations.noise, "points": point, "joints": of_joints}
+
+
+def _with_substitutes(observations: Observations, usable: Mask) -> Observations:
+    """Return observations whose unusable rows have another row's joints, so that all assemble."""
+    # the weight of these rows is 0, but a NaN times 0 would be NaN
+    if usable.all():
+        return observations
+    rows = np.where(usable, np.arange(len(usable)), int(np.argmax(usable)))
+    return replace(observations, joints=observations.joints[rows], near=observations.near[rows])
+
+
+# Laplace's approximation: the density of the shots at the estimates, times the prior's there, times
+# the volume of the posterior over that of the prior. Wrong shots count by the density of their
+# cavity residuals, their number by the Beta-binomial, effects by their odds.
+def log_evidence(fit: Fit) -> float:
+    """Return the log evidence of the model, up to a constant of the shots."""
+    used = fit.kept & fit.usable
+    counted = replace(fit, good=used.astype(np.float64))
+    residual, size = counted.at.residual[used], fit.model.size
+    chi2 = np.einsum("ni,nij,nj->", residual, fit.inverse_noise[used], residual)
+    value = -0.5 * (chi2 + np.linalg.slogdet(fit.total_noise[used])[1].sum())
+    deviation, precision = fit.prior_terms[1][:size], fit.precision[:size, :size]
+    value += 0.5 * (np.linalg.slogdet(precision)[1] - deviation @ precision @ deviation)
+    value -= 0.5 * np.linalg.slogdet(counted.normal[0] + fit.precision)[1]
+    for group in fit.groups:
+        value += np.log(fit.sizes[group]) - np.log1p(fit.sizes[group] ** 2)
+    for part, factor in fit.factors.items():
+        if part != "stated":
+            value += 0.5 * np.log(factor) - np.log1p(factor)
+    _, wrong = wrong_shots.log_densities(*counted.cavity)
+    value += wrong[fit.usable & ~used].sum()
+    missing = int(len(used) - used.sum())
+    value += wrong_shots.log_prior_of_count(missing, len(used))
+    return float(value + sum(effect.log_odds for effect in fit.model.effects))
+
+
+# A group of k unknowns with the size ρ₀ has the block S = U diag(s) U' of the covariance C. At
+# another size ρ, with δ = ρ⁻² - ρ₀⁻² and c_j the column C U_j, Woodbury's identity gives
+#
+#     C(ρ) = C - Σ w_j c_j c_j',   x(ρ) = x - Σ w_j a_j c_j,   w_j = δ / (1 + δ s_j),   a = U'x,
+#     log p(ρ) = -½ Σ (w_j a_j² + log(1 + δ s_j)) - k log ρ + log ρ - log(1 + ρ²)
+#
+# with x the deviations of the group from their mean, per log ρ. So the mean over a grid of sizes
+# costs products of vectors only: the mean of C(ρ), and the covariance of x(ρ) beside it. Groups are
+# averaged over one by one, the others at their likeliest sizes, and their effects add up. Where the
+# mean would state less than the likeliest size does, the likeliest size stands.
+def integrate_sizes(fit: Fit) -> Fit:
+    """Return the fit with estimates and covariance averaged over what the sizes may be.
+
+    One size for each group, the likeliest, would state σ as if it were sure.
+    """
+    inverse, deviation = fit.inverse, fit.prior_terms[1] + fit.step
+    step, spread, floors = fit.step.copy(), np.zeros_like(inverse), smallest_sizes(fit.model)
+    for group, places in fit.groups.items():
+        size = fit.sizes[group]
+        values, vectors = np.linalg.eigh(inverse[np.ix_(places, places)])
+        columns, along = inverse[:, places] @ vectors, vectors.T @ deviation[places]
+        sizes = np.exp(np.linspace(np.log(size) - 4.0, np.log(size) + 2.5, 131))
+        sizes = sizes[sizes >= min(floors.get(group, 0.0), size)]
+        change = (sizes**-2 - size**-2)[:, None]
+        shrinking = np.maximum(1.0 + change * values, 1e-12)
+        weights = change / shrinking
+        log_density = -0.5 * (weights * along**2 + np.log(shrinking)).sum(axis=1)
+        log_density += (1.0 - len(places)) * np.log(sizes) - np.log1p(sizes**2)
+        density = np.exp(log_density - log_density.max())
+        density /= density.sum()
+        mean = density @ weights
+        moves = (weights - mean) * along
+        step -= columns @ (mean * along)
+        widths, axes = np.linalg.eigh((moves.T * density) @ moves - np.diag(mean))
+        wider = columns @ (axes * np.sqrt(np.maximum(widths, 0.0)))
+        spread += wider @ wider.T
+    frames = moved_frames(fit.at.frames, step[fit.model.size :])
+    return replace(_predicted(fit, fit.at.x + step[: fit.model.size], frames), spread=spread)
