@@ -135,6 +135,20 @@ def settled_points(
     return np.array(points)
 
 
+def stated_covariance_mm2(beams: Array) -> Array:
+    """Return what a tracker states (N, 3, 3) of points (N, 3) in its frame, better along beams."""
+    range_mm = np.linalg.norm(beams, axis=1)[:, None, None]
+    along = (beams[:, :, None] * beams[:, None, :]) / range_mm**2
+    across = (0.0075 + 3e-6 * range_mm) ** 2 * (np.eye(3) - along)
+    return np.asarray(0.006**2 * along + across)
+
+
+def noise_mm(covariance_mm2: Array, rng: np.random.Generator) -> Array:
+    """Draw errors (N, 3) of points with covariances (N, 3, 3)."""
+    drawn = rng.standard_normal((len(covariance_mm2), 3, 1))
+    return np.asarray((np.linalg.cholesky(covariance_mm2) @ drawn)[..., 0])
+
+
 def measure(mechanism: str, kind: str, truth: Truth, shots: int, rng: np.random.Generator) -> Shots:
     """Measure a plan for the nominal robot by a tracker that is better along its beam."""
     robot = find_robot(ROBOTS[mechanism])
@@ -148,10 +162,8 @@ def measure(mechanism: str, kind: str, truth: Truth, shots: int, rng: np.random.
     if not is_late.all():
         points = np.where(is_late, points, points_of(truth, truth.before, *at))
     beams = points - TRACKER_MM
-    range_mm = np.linalg.norm(beams, axis=1)[:, None, None]
-    along = (beams[:, :, None] * beams[:, None, :]) / range_mm**2
-    stated = 0.006**2 * along + (0.0075 + 3e-6 * range_mm) ** 2 * (np.eye(3) - along)
-    measured = beams + (np.linalg.cholesky(stated) @ rng.standard_normal((*beams.shape, 1)))[..., 0]
+    stated = stated_covariance_mm2(beams)
+    measured = beams + noise_mm(stated, rng)
     fitted = [row for row, shot in enumerate(planned) if shot.purpose.value == "identification"]
     measured[rng.choice(fitted)] += [KINDS[kind].get("gross", 0.0), 0.0, 0.0]
     how: dict[str, Any] = {"approach": sides, "covariance_mm2": stated}

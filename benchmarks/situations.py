@@ -1,0 +1,382 @@
+"""Identify and check robots whose campaigns are more than a robot with errors of manufacture.
+
+python -m benchmarks.situations [--cells SITUATION …] [--mechanisms NAME …] [--campaigns N] …
+python -m benchmarks.situations --check
+
+The truth is of single rods (`benchmarks.truths`, which explains the words of a situation). One line
+a cell: medians of the real error of positions, in the best frame, and of the stated one; the largest
+ratio of both; verdicts; passes with a real error above twice the stated one; wrong shots found, good
+ones lost; changes named with the right part, at the right shot, with the right size; processor time;
+findings, in brackets those that are only reported.
+"""
+
+import argparse
+import json
+import re
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from fnmatch import fnmatchcase
+from functools import lru_cache
+from importlib import resources
+from itertools import product
+from pathlib import Path
+from tempfile import gettempdir
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from benchmarks.false_acceptance import ROBOTS, TRACKER_MM, WRONG_POSITIONS
+from benchmarks.truths import (
+    Measured,
+    PlannedShots,
+    Situation,
+    Streams,
+    TrueRobot,
+    TrueStep,
+    measure,
+)
+from campaigns.arrays import Array
+from campaigns.errors import CampaignError
+from campaigns.fit.rigid_transforms import fit_transform
+from campaigns.robots.robot import RobotFile
+from pkmcal import find_robot, identify, plan, sample_workspace
+from sim.errors import AssemblyLost
+
+KEY_CELLS = (
+    *("clean", "small", "tolerances", "scatter 0.05", "ratio 1000"),
+    *("rods 0.2 + reflector 50", "rods 0.2 + reflector 50 unstated", "rods 0.2 + plate 10"),
+    *("wrong 6 x 0.3", "wrong 10 x 1.5", "wrong 20 x 1.5", "wrong 20 x 50", "wrong 14 x 1.5 same"),
+    "unassembled 3",
+    *("encoder 0.05 from 30", "encoder 0.05 last 5", "encoder 2 from 25", "forearm 0.3 from 30"),
+    *("mount 0.3 from 30", "stand 0.05 from 30", "stand 0.3 from 30", "stand 5 from 30"),
+    *("stand 0.3 from 20 to 27", "encoder 0.05 from 20 + forearm 0.3 from 40"),
+    *("drift 0.1", "drift 0.3", "walk 0.1", "drift 0.1 + stand 0.3 from 30"),
+    *("ripple", "ripple own", "ripple one", "edge 0.3", "kink 1", "sag 0.3", "bent 0.1", "theta 0.3"),
+    *("dent 80", "lag 0.1", "ripple + drift 0.1", "encoder 0.05 from 30 + wrong 10 x 1.5"),
+    "wrong 10 x 1.5 + rods 0.2 + reflector 50 + drift 0.1",
+)  # fmt: skip
+"""Situations of which one is measured unless others are asked for."""
+MORE_CELLS = (
+    *("rods 0.2", "backlash 0.3", "azimuths 0.5", "eccentricity 0.03", "yield 0.2"),
+    *("reflector 50", "reflector 50 unstated", "plate 10", "rods 0.2 + reflector 50 + plate 10"),
+    *(
+        f"wrong {count} x {size}{how}"
+        for count in (1, 3, 6, 9, 10, 14, 20)
+        for size in ("0.1", "0.3", "1.5", "10", "50")
+        for how in ("", " same")
+    ),
+    *("unseen 1 x 1.5", "unassembled 8"),
+    *(f"encoder {size} from {s}" for size in ("0.02", "0.05", "0.5", "2") for s in (25, 52)),
+    *(f"stand {size} from {s}" for size in ("0.1", "0.2", "1", "3", "20") for s in (30, 52)),
+    *(f"stand {size} from 20 to 27" for size in ("0.1", "0.2", "3", "20")),
+    *(f"{part} {mm} from 30" for part in ("forearm", "arm", "mount") for mm in ("0.2", "1", "5")),
+    *(f"{step} last {k}" for step in ("encoder 0.02", "stand 0.3", "forearm 0.3") for k in (5, 10)),
+    *("encoder 0.05 last 10", "encoder 0.05 from 30 + stand 0.3 from 30"),
+    *("encoder 0.5 from 20 to 27", "stand 0.3 from 20 + stand 0.3 from 40"),
+    *("drift 0.02", "drift 0.05", "drift 0.2", "walk 0.05", "turn 0.1", "warm-up 0.1"),
+    *("drift 0.1 + encoder 0.05 from 30", "drift 0.1 + stand 0.1 from 30"),
+    *("drift 0.3 + stand 0.3 from 20 to 27", "drift 0.3 + wrong 10 x 1.5"),
+    *("ripple 0.33", "ripple 3", "ripple + encoder 0.05 from 30", "ripple + wrong 10 x 1.5"),
+    *("edge 0.1", "edge 1", "cable 0.3", "dent 150", "lag 1", "edge 0.3 + wrong 6 x 1.5"),
+    *("wrong 6 x 0.3 + rods 0.2 + reflector 50 + drift 0.1", "stand 0.3 from 30 + wrong 10 x 1.5"),
+    "small + reflector 50 + drift 0.05",
+)
+"""Further situations, chosen by --cells with a pattern."""
+CHECKS = (
+    "clean",
+    *(f"wrong 1 x {size}" for size in ("0.06", "0.1", "0.15", "0.3", "0.5", "2", "20")),
+    *("wrong 2 x 0.3", "encoder 0.01", "encoder 0.05", "encoder 0.5", "forearm 0.1"),
+    *("forearm 0.3", "arm 0.1", "arm 0.3", "arm 2"),
+)
+"""What has happened to a robot, or to the shots, since it was identified."""
+POSES = 150
+"""Poses of the workspace at which positions are compared."""
+PLANS = 8
+"""Plans of each mechanism and number of shots, by the campaigns' seeds in turn."""
+NAMED = re.compile(r"shots? (\d+(?:(?:, | and |–)\d+)*)")
+TRACKER_SHOT_GAP = 1
+"""Identification shots by which a change may be named too early or too late."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What came of one campaign."""
+
+    mechanism: str
+    cell: str
+    shots: int
+    seed: int
+    verdict: str
+    """Verdict, or the class of the error that refused the shots."""
+    real_um: float | None = None
+    stated_um: float | None = None
+    wrong: int = 0
+    found: int = 0
+    lost: int = 0
+    steps: int = 0
+    parts: int = 0
+    """Steps of which a finding names the part."""
+    places: int = 0
+    """Steps of which it also names the first shot."""
+    sizes: int = 0
+    """Steps of which it also has the size within U."""
+    findings: tuple[str, ...] = ()
+    seconds: float = 0.0
+    """Processor time of the identification."""
+    says: str = ""
+
+    @property
+    def ratio(self) -> float:
+        """Real over stated error of positions."""
+        return self.real_um / self.stated_um if self.real_um and self.stated_um else float("nan")
+
+    @property
+    def is_wrong_pass(self) -> bool:
+        """Whether the robot passed and is far worse than stated."""
+        return self.verdict == "pass" and self.ratio > WRONG_POSITIONS
+
+
+def planned_shots(mechanism: str, shots: int, seed: int, folder: Path) -> PlannedShots:
+    """Return a plan for the nominal robot, made once and kept in a folder."""
+    file = folder / f"{mechanism}-{shots}-{seed}.json"
+    if not file.exists():
+        made = plan(find_robot(ROBOTS[mechanism]), TRACKER_MM.tolist(), shots=shots, seed=seed)
+        kinematics = find_robot(ROBOTS[mechanism]).kinematics
+        joints = np.array([shot.joints for shot in made.shots])
+        document = {
+            "joints": joints.tolist(),
+            "poses": kinematics.forward(joints).values_or_raise().tolist(),
+            "sets": [shot.purpose.value for shot in made.shots],
+            "pairs": [shot.pair for shot in made.shots],
+        }
+        folder.mkdir(parents=True, exist_ok=True)
+        # another process may write the same plan at this moment
+        draft = file.with_suffix(f".{time.monotonic_ns()}")
+        draft.write_text(json.dumps(document), encoding="utf-8")
+        draft.replace(file)
+    read = json.loads(file.read_text(encoding="utf-8"))
+    joints, poses = np.array(read["joints"]), np.array(read["poses"])
+    return PlannedShots(joints, poses, tuple(read["sets"]), tuple(read["pairs"]))
+
+
+def nominal_robot(mechanism: str, folder: Path, *, is_reflector_stated: bool) -> RobotFile:
+    """Return a shipped robot, or one by a copy of its file that does not say where the reflector is."""
+    name = ROBOTS[mechanism]
+    if is_reflector_stated:
+        return find_robot(name)
+    text = (resources.files("campaigns.robots") / f"{name}.yaml").read_text(encoding="utf-8")
+    file = folder / f"{name}-unstated.yaml"
+    folder.mkdir(parents=True, exist_ok=True)
+    file.write_text(re.sub(r"^reflector_mm:.*\n", "", text, flags=re.MULTILINE), encoding="utf-8")
+    return find_robot(file)
+
+
+@lru_cache
+def workspace(mechanism: str) -> tuple[Array, ...]:
+    """Return the poses at which positions are compared, (N, t)."""
+    return tuple(sample_workspace(find_robot(ROBOTS[mechanism]), POSES, seed=99))
+
+
+def position_error_um(nominal: RobotFile, truth: TrueRobot, result: Any) -> float:
+    """Return the rms error of poses that the identified robot is to take, in the best frame."""
+    robot = nominal.of(nominal.mechanism, result.flat(), name="identified", limits=nominal.limits)
+    poses = np.array(workspace(nominal.mechanism.name))
+    inverse = robot.kinematics.inverse(poses)
+    poses, joints = poses[inverse.is_solved], inverse.values[inverse.is_solved]
+    true = truth.points(joints, np.zeros(joints.shape), poses)
+    left = fit_transform(poses[:, :3], true).apply(poses[:, :3]) - true
+    return 1e3 * float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+
+
+def streams_of(mechanism: str, seed: int) -> Streams:
+    """Return the generators of a campaign, which are the same in all situations."""
+    return Streams((seed, list(ROBOTS).index(mechanism)))
+
+
+def run(mechanism: str, cell: str, shots: int, seed: int, folder: Path) -> Outcome:
+    """Measure and identify one campaign, and compare the result with the truth."""
+    situation = Situation.parse(cell)
+    about: dict[str, Any] = {"mechanism": mechanism, "cell": cell, "shots": shots, "seed": seed}
+    nominal = nominal_robot(mechanism, folder, is_reflector_stated=situation.is_reflector_stated)
+    planned = planned_shots(mechanism, shots, 1 + seed % PLANS, folder)
+    try:
+        measured = measure(nominal, situation, planned, streams_of(mechanism, seed))
+    except AssemblyLost:
+        return Outcome(**about, verdict="no truth")
+    about |= {"wrong": len(measured.wrong), "steps": len(measured.steps)}
+    start = time.process_time()
+    try:
+        result: Any = identify(measured.shots, nominal)
+    except CampaignError as error:
+        seconds = time.process_time() - start
+        return Outcome(**about, verdict=type(error).__name__, says=str(error), seconds=seconds)
+    about["seconds"] = time.process_time() - start
+    return judged(measured, planned, result, about)
+
+
+def judged(measured: Measured, planned: PlannedShots, result: Any, about: dict[str, Any]) -> Outcome:
+    """Compare the result of a campaign with its truth."""
+    named = {e.shot for e in result.excluded if e.shot is not None}
+    wrong_findings = [finding.says for finding in result.findings if "wrong" in finding.name]
+    found = measured.wrong & (named | shots_named(wrong_findings))
+    try:
+        real_um = position_error_um(measured.nominal, measured.truth, result)
+    except AssemblyLost:
+        real_um = float("inf")
+    stated = result.position_std_mm
+    numbers = [named_step(finding, measured.steps, planned) for finding in result.findings]
+    return Outcome(
+        **about,
+        verdict=str(result.verdict),
+        real_um=real_um,
+        stated_um=None if stated is None else 1e3 * stated.rms,
+        found=len(found),
+        lost=len(named - measured.wrong),
+        parts=sum(is_right[0] for is_right in numbers),
+        places=sum(is_right[1] for is_right in numbers),
+        sizes=sum(is_right[2] for is_right in numbers),
+        findings=tuple(sorted(label(finding, measured.steps) for finding in result.findings)),
+        says="; ".join(finding.says for finding in result.findings),
+    )
+
+
+def shots_named(texts: Iterable[str]) -> set[int]:
+    """Return the numbers of the shots that sentences name, `shots 3, 7`."""
+    return {
+        int(number)
+        for text in texts
+        for match in NAMED.finditer(text)
+        for number in re.findall(r"\d+", match[1])
+    }
+
+
+def words_of(part: str) -> str:
+    """Return the words by which a finding calls a part: `arm 1's encoder`."""
+    if part == "frame":
+        return "the tracker's stand"
+    kind, _, arm = part.partition(" ")
+    return f"arm {arm}" if kind == "arm" else f"arm {arm}'s {kind}"
+
+
+def names_part(finding: Any, step: TrueStep) -> bool:
+    """Whether a finding of a change names a part, by itself or among those that it may be."""
+    named = finding.says.partition(" changed")[0].split(" or ")
+    return finding.numbers.get("part") == step.part or words_of(step.part) in " or ".join(named)
+
+
+def named_step(
+    finding: Any, steps: Sequence[TrueStep], planned: PlannedShots
+) -> tuple[bool, bool, bool]:
+    """Return whether a finding names a step's part, its first shot, and its size within U."""
+    numbers = finding.numbers
+    of_part = [step for step in steps if names_part(finding, step)] if "part" in numbers else []
+    if not of_part:
+        return False, False, False
+    fitted = planned.rows("identification")
+
+    def gap(step: TrueStep) -> int:
+        """Count the identification shots between a step's first shot and the named one."""
+        ends = np.searchsorted(fitted, [step.first, float(numbers["before_shot"])])
+        return abs(int(ends[1] - ends[0]))
+
+    step = min(of_part, key=gap)
+    is_right_part = numbers["part"] == step.part
+    signed = step.part.startswith(("encoder", "arm", "forearm"))
+    size = float(numbers["size"]) if signed else abs(float(numbers["size"]))
+    is_right_size = is_right_part and abs(size - step.size) <= float(numbers["U"])
+    return True, gap(step) <= TRACKER_SHOT_GAP, is_right_size
+
+
+def label(finding: Any, steps: Sequence[TrueStep]) -> str:
+    """Return a finding's name with its part: `change encoder!` if that part has changed."""
+    numbers = finding.numbers
+    part = str(numbers.get("part", numbers.get("parameter", "")))
+    kind = part.partition(" ")[0].rpartition(".")[2]
+    mark = ""
+    if "part" in numbers:
+        is_first = any(numbers["part"] == step.part for step in steps)
+        is_among = any(names_part(finding, step) for step in steps)
+        mark = "!" if is_first else "~" if is_among else "?"
+    text = f"{finding.name} {kind}{mark}".strip()
+    return text if finding.affects_verdict else f"({text})"
+
+
+def median(values: Iterable[float | None]) -> float:
+    """Return the median of the values that there are, NaN if there are none."""
+    there = [value for value in values if value is not None]
+    return float(np.median(there)) if there else float("nan")
+
+
+def line(outcomes: Sequence[Outcome]) -> str:
+    """Return the line of a cell."""
+    first, seconds = outcomes[0], [outcome.seconds for outcome in outcomes]
+    ratios = [outcome.ratio for outcome in outcomes if not np.isnan(outcome.ratio)]
+    verdicts = Counter(outcome.verdict for outcome in outcomes)
+    others = [f"{n} {word}" for word, n in verdicts.items() if word not in VERDICTS]
+    total = {
+        name: sum(getattr(outcome, name) for outcome in outcomes)
+        for name in ("wrong", "found", "lost", "steps", "parts", "places", "sizes")
+    }
+    named = Counter(text for outcome in outcomes for text in outcome.findings)
+    of_steps = f"{total['parts']} {total['places']} {total['sizes']}/{total['steps']}"
+    real, stated = (median(getattr(o, n) for o in outcomes) for n in ("real_um", "stated_um"))
+    cells = (
+        f"{first.mechanism:12} {first.cell:44} {first.shots:3}",
+        f"{real:6.1f}/{stated:<6.1f}{max(ratios, default=float('nan')):6.2f}",
+        f"{'/'.join(str(verdicts[word]) for word in VERDICTS):>7}{len_wrong(outcomes):4}",
+        f"{total['found']:4}/{total['wrong']:<4}{total['lost']:3}" if total["wrong"] or total["lost"] else f"{'':12}",
+        f"{of_steps if total['steps'] else '':>10}",
+        f"{median(seconds):5.2f}{max(seconds):6.2f}",
+        ", ".join([*others, *(f"{text} {n}" for text, n in named.most_common())]),
+    )
+    return " |".join(cells)
+
+
+VERDICTS = ("pass", "fail", "not decided")
+HEADING = (
+    f"{'':61} |  real/stated ratio |  p/f/nd wp|found/of   lost|part at size |  s median, max | findings"
+)
+
+
+def len_wrong(outcomes: Iterable[Outcome]) -> int:
+    """Count passes that are far worse than stated."""
+    return sum(outcome.is_wrong_pass for outcome in outcomes)
+
+
+def chosen(patterns: Sequence[str]) -> Iterator[str]:
+    """Yield the listed situations that match a pattern, and those in words of their own."""
+    for pattern in patterns:
+        listed = [c for c in dict.fromkeys((*KEY_CELLS, *MORE_CELLS)) if fnmatchcase(c, pattern)]
+        yield from listed or [pattern]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--cells", nargs="+", default=KEY_CELLS, help="words, or patterns of some")
+    parser.add_argument("--mechanisms", nargs="+", default=list(ROBOTS), choices=list(ROBOTS))
+    parser.add_argument("--shots", nargs="+", type=int, default=[60])
+    for option, default in (("campaigns", 4), ("seed", 1), ("jobs", 2)):
+        parser.add_argument(f"--{option}", type=int, default=default)
+    parser.add_argument("--plans", type=Path, default=Path(gettempdir()) / "pkmcal-plans")
+    parser.add_argument("--json", type=Path, help="file to which a line a campaign is added")
+    asked = parser.parse_args()
+    cells = [Situation.parse(cell) for cell in dict.fromkeys(chosen(asked.cells))]
+    seeds = range(asked.seed, asked.seed + asked.campaigns)
+    print(HEADING, flush=True)
+    for mechanism, shots, cell in product(asked.mechanisms, asked.shots, cells):
+        if not cell.suits(mechanism):
+            continue
+        jobs = (delayed(run)(mechanism, cell.name, shots, seed, asked.plans) for seed in seeds)
+        outcomes = Parallel(asked.jobs)(jobs)
+        print(line(outcomes), flush=True)
+        if asked.json:
+            with asked.json.open("a", encoding="utf-8") as file:
+                file.writelines(json.dumps(asdict(outcome)) + "\n" for outcome in outcomes)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
