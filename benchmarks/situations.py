@@ -12,8 +12,8 @@ findings, in brackets those that are only reported.
 
 import argparse
 import json
+import math
 import re
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,7 +24,7 @@ from importlib import resources
 from itertools import product
 from pathlib import Path
 from tempfile import gettempdir
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -37,11 +37,15 @@ from benchmarks.truths import (
     Streams,
     TrueRobot,
     TrueStep,
+    draw_robot,
     measure,
+    settled_robot,
 )
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError
 from campaigns.fit.rigid_transforms import fit_transform
+from campaigns.identification.checking import check
+from campaigns.identification.options import IdentificationOptions
 from campaigns.robots.robot import RobotFile
 from pkmcal import find_robot, identify, plan, sample_workspace
 from sim.errors import AssemblyLost
@@ -89,16 +93,23 @@ MORE_CELLS = (
 CHECKS = (
     "clean",
     *(f"wrong 1 x {size}" for size in ("0.06", "0.1", "0.15", "0.3", "0.5", "2", "20")),
-    *("wrong 2 x 0.3", "encoder 0.01", "encoder 0.05", "encoder 0.5", "forearm 0.1"),
-    *("forearm 0.3", "arm 0.1", "arm 0.3", "arm 2"),
+    "wrong 2 x 0.3",
+    *(f"encoder {size} from 0" for size in ("0.01", "0.05", "0.5")),
+    *(f"forearm {size} from 0" for size in ("0.1", "0.3")),
+    *(f"arm {size} from 0" for size in ("0.1", "0.3", "2")),
 )
 """What has happened to a robot, or to the shots, since it was identified."""
+VERDICTS = ("pass", "fail", "not decided")
+HEADING = (
+    f"{'':61} |  real/stated ratio |  p/f/nd wp|found/of   lost|part at size |  s median, max | findings"
+)
 POSES = 150
 """Poses of the workspace at which positions are compared."""
+CHECK_SHOTS = 8
 PLANS = 8
 """Plans of each mechanism and number of shots, by the campaigns' seeds in turn."""
 NAMED = re.compile(r"shots? (\d+(?:(?:, | and |–)\d+)*)")
-TRACKER_SHOT_GAP = 1
+SHOTS_BESIDE = 1
 """Identification shots by which a change may be named too early or too late."""
 
 
@@ -199,12 +210,13 @@ def streams_of(mechanism: str, seed: int) -> Streams:
 
 def run(mechanism: str, cell: str, shots: int, seed: int, folder: Path) -> Outcome:
     """Measure and identify one campaign, and compare the result with the truth."""
-    situation = Situation.parse(cell)
+    situation, streams = Situation.parse(cell), streams_of(mechanism, seed)
     about: dict[str, Any] = {"mechanism": mechanism, "cell": cell, "shots": shots, "seed": seed}
     nominal = nominal_robot(mechanism, folder, is_reflector_stated=situation.is_reflector_stated)
     planned = planned_shots(mechanism, shots, 1 + seed % PLANS, folder)
+    truth = draw_robot(nominal, situation, planned, streams)
     try:
-        measured = measure(nominal, situation, planned, streams_of(mechanism, seed))
+        measured = measure(nominal, truth, situation, planned, streams)
     except AssemblyLost:
         return Outcome(**about, verdict="no truth")
     about |= {"wrong": len(measured.wrong), "steps": len(measured.steps)}
@@ -215,30 +227,28 @@ def run(mechanism: str, cell: str, shots: int, seed: int, folder: Path) -> Outco
         seconds = time.process_time() - start
         return Outcome(**about, verdict=type(error).__name__, says=str(error), seconds=seconds)
     about["seconds"] = time.process_time() - start
+    try:
+        about["real_um"] = position_error_um(nominal, measured.now, result)
+    except AssemblyLost:
+        about["real_um"] = float("inf")
     return judged(measured, planned, result, about)
 
 
 def judged(measured: Measured, planned: PlannedShots, result: Any, about: dict[str, Any]) -> Outcome:
-    """Compare the result of a campaign with its truth."""
+    """Compare what a result names with the truth."""
     named = {e.shot for e in result.excluded if e.shot is not None}
     wrong_findings = [finding.says for finding in result.findings if "wrong" in finding.name]
-    found = measured.wrong & (named | shots_named(wrong_findings))
-    try:
-        real_um = position_error_um(measured.nominal, measured.truth, result)
-    except AssemblyLost:
-        real_um = float("inf")
     stated = result.position_std_mm
-    numbers = [named_step(finding, measured.steps, planned) for finding in result.findings]
+    rights = [named_rightly(step, result.findings, planned) for step in measured.steps]
     return Outcome(
         **about,
         verdict=str(result.verdict),
-        real_um=real_um,
         stated_um=None if stated is None else 1e3 * stated.rms,
-        found=len(found),
+        found=len(measured.wrong & (named | shots_named(wrong_findings))),
         lost=len(named - measured.wrong),
-        parts=sum(is_right[0] for is_right in numbers),
-        places=sum(is_right[1] for is_right in numbers),
-        sizes=sum(is_right[2] for is_right in numbers),
+        parts=sum(right.part for right in rights),
+        places=sum(right.place for right in rights),
+        sizes=sum(right.size for right in rights),
         findings=tuple(sorted(label(finding, measured.steps) for finding in result.findings)),
         says="; ".join(finding.says for finding in result.findings),
     )
@@ -268,27 +278,30 @@ def names_part(finding: Any, step: TrueStep) -> bool:
     return finding.numbers.get("part") == step.part or words_of(step.part) in " or ".join(named)
 
 
-def named_step(
-    finding: Any, steps: Sequence[TrueStep], planned: PlannedShots
-) -> tuple[bool, bool, bool]:
-    """Return whether a finding names a step's part, its first shot, and its size within U."""
-    numbers = finding.numbers
-    of_part = [step for step in steps if names_part(finding, step)] if "part" in numbers else []
-    if not of_part:
-        return False, False, False
-    fitted = planned.rows("identification")
+class Rightly(NamedTuple):
+    """What a finding has right of a step: part, first shot, and size within U."""
 
-    def gap(step: TrueStep) -> int:
-        """Count the identification shots between a step's first shot and the named one."""
+    part: bool = False
+    place: bool = False
+    size: bool = False
+
+
+def named_rightly(step: TrueStep, findings: Iterable[Any], planned: PlannedShots) -> Rightly:
+    """Return what the best of the findings has right of a step."""
+    fitted, best = planned.fitted, Rightly()
+    for finding in findings:
+        numbers = finding.numbers
+        if "part" not in numbers or not names_part(finding, step):
+            continue
         ends = np.searchsorted(fitted, [step.first, float(numbers["before_shot"])])
-        return abs(int(ends[1] - ends[0]))
-
-    step = min(of_part, key=gap)
-    is_right_part = numbers["part"] == step.part
-    signed = step.part.startswith(("encoder", "arm", "forearm"))
-    size = float(numbers["size"]) if signed else abs(float(numbers["size"]))
-    is_right_size = is_right_part and abs(size - step.size) <= float(numbers["U"])
-    return True, gap(step) <= TRACKER_SHOT_GAP, is_right_size
+        size, limit = float(numbers["size"]), float(numbers["U"])
+        off = abs(size - step.size)
+        if step.is_of_place:
+            # of a motion in space the largest share along an axis is named
+            off = max(abs(size) - step.size, step.size / math.sqrt(3.0) - abs(size))
+        is_size = numbers["part"] == step.part and off <= limit
+        best = max(best, Rightly(True, bool(abs(ends[1] - ends[0]) <= SHOTS_BESIDE), is_size))
+    return best
 
 
 def label(finding: Any, steps: Sequence[TrueStep]) -> str:
@@ -336,12 +349,6 @@ def line(outcomes: Sequence[Outcome]) -> str:
     return " |".join(cells)
 
 
-VERDICTS = ("pass", "fail", "not decided")
-HEADING = (
-    f"{'':61} |  real/stated ratio |  p/f/nd wp|found/of   lost|part at size |  s median, max | findings"
-)
-
-
 def len_wrong(outcomes: Iterable[Outcome]) -> int:
     """Count passes that are far worse than stated."""
     return sum(outcome.is_wrong_pass for outcome in outcomes)
@@ -354,6 +361,59 @@ def chosen(patterns: Sequence[str]) -> Iterator[str]:
         yield from listed or [pattern]
 
 
+def judge_checks(mechanism: str, shots: int, seed: int, folder: Path) -> dict[str, str]:
+    """Identify a clean robot, check it by few shots in each situation, and return what came of it.
+
+    Empty if the identification did not pass.
+    """
+    nominal = find_robot(ROBOTS[mechanism])
+    planned, streams = planned_shots(mechanism, shots, 1 + seed % PLANS, folder), streams_of(mechanism, seed)
+    clean = Situation.parse("clean")
+    robot = draw_robot(nominal, clean, planned, streams)
+    result: Any = identify(measure(nominal, robot, clean, planned, streams).shots, nominal)
+    if result.verdict != "pass":
+        return {}
+    later = Streams((*streams.key, 1))
+    robot = settled_robot(robot, later)
+    rows = planned.fitted[np.linspace(0, len(planned.fitted) - 1, CHECK_SHOTS).astype(int)]
+    sets, pairs = ("check",) * CHECK_SHOTS, (None,) * CHECK_SHOTS
+    few = PlannedShots(planned.joints[rows], planned.poses[rows], sets, pairs, CHECK_SHOTS)
+    options = IdentificationOptions(tolerances=nominal.tolerances)
+    came: dict[str, str] = {}
+    for words in CHECKS:
+        situation = Situation.parse(words)
+        if not situation.suits(mechanism):
+            continue
+        measured = measure(nominal, robot, situation, few, later)
+        outcome = check(nominal.kinematics, measured.shots, result.posterior, options)
+        came[words] = check_label(outcome, measured)
+    return came
+
+
+def check_label(outcome: Any, measured: Measured) -> str:
+    """Return a check's decision, and whether it names the parts and shots that are wrong."""
+    text, named = str(outcome.decision), shots_named([outcome.says])
+    if outcome.parts:
+        is_right = any(step.part in outcome.parts for step in measured.steps)
+        text += " part!" if is_right else " part?"
+    if named:
+        text += " shots!" if named == measured.wrong else " shots?"
+    return text
+
+
+def print_checks(mechanism: str, asked: argparse.Namespace) -> None:
+    """Print a line for each situation of a check."""
+    seeds = range(asked.seed, asked.seed + asked.campaigns)
+    jobs = (delayed(judge_checks)(mechanism, asked.shots[0], s, asked.plans) for s in seeds)
+    rows = [row for row in Parallel(asked.jobs)(jobs) if row]
+    print(f"{mechanism}: {len(rows)} of {asked.campaigns} campaigns passed and were checked")
+    for words in CHECKS:
+        counts = Counter(row[words] for row in rows if words in row)
+        if counts:
+            came = ", ".join(f"{text} {n}" for text, n in counts.most_common())
+            print(f"{mechanism:12} {words:44} {came}", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--cells", nargs="+", default=KEY_CELLS, help="words, or patterns of some")
@@ -363,7 +423,12 @@ def main() -> None:
         parser.add_argument(f"--{option}", type=int, default=default)
     parser.add_argument("--plans", type=Path, default=Path(gettempdir()) / "pkmcal-plans")
     parser.add_argument("--json", type=Path, help="file to which a line a campaign is added")
+    parser.add_argument("--check", action="store_true", help="check robots instead")
     asked = parser.parse_args()
+    if asked.check:
+        for mechanism in asked.mechanisms:
+            print_checks(mechanism, asked)
+        return
     cells = [Situation.parse(cell) for cell in dict.fromkeys(chosen(asked.cells))]
     seeds = range(asked.seed, asked.seed + asked.campaigns)
     print(HEADING, flush=True)
@@ -379,4 +444,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -35,7 +35,7 @@ from benchmarks.false_acceptance import (
 from campaigns.arrays import Array, Index
 from campaigns.robots.robot import RobotFile
 from pkmcal import Shots
-from sim.geometry import KINDS, Kind, geometry_of
+from sim.geometry import KINDS, LENGTHS, Kind, geometry_of
 from sim.robot.rods import Build, RodMechanism, rotation
 from sim.robot.transmission import Load, Transmission
 
@@ -158,9 +158,7 @@ def _parse_term(words: str) -> Term:
     match = TERM.fullmatch(words)
     if match is None or match["effect"] not in EFFECTS:
         raise ValueError(f"'{words}' is no effect; effects are {', '.join(EFFECTS)}")
-    numbers = {
-        key: int(match[key]) for key in ("count", "since", "until", "last") if match[key]
-    }  # fmt: skip
+    numbers = {key: int(match[key]) for key in ("count", "since", "until", "last") if match[key]}
     size = float(match["size"] or 1.0)
     if match["effect"] in STEPS and not {"since", "last"} & numbers.keys():
         raise ValueError(f"'{words}' does not say from which shot: add 'from 30' or 'last 5'")
@@ -195,10 +193,21 @@ class PlannedShots:
     poses: Array
     sets: tuple[str, ...]
     pairs: tuple[int | None, ...]
+    counted_of: int = SHOTS
+    """Number of fitted shots that a situation's counts and places are of."""
 
-    def rows(self, purpose: str) -> Index:
-        """Return the rows of a set."""
-        return np.flatnonzero(np.array(self.sets) == purpose)
+    def rows(self, *purposes: str) -> Index:
+        """Return the rows of some sets."""
+        return np.flatnonzero(np.isin(np.array(self.sets), purposes))
+
+    @property
+    def fitted(self) -> Index:
+        """Rows of the shots that a fit uses."""
+        return self.rows("identification", "check")
+
+    def scaled(self, count: int) -> int:
+        """Return as many of these shots as a situation's count means."""
+        return count * len(self.fitted) // self.counted_of
 
     @property
     def reach_mm(self) -> float:
@@ -375,6 +384,11 @@ class TrueStep:
     shift_mm: Array
     """(3,): motion of the points seen from the tracker."""
 
+    @property
+    def is_of_place(self) -> bool:
+        """Whether the part moved, in a direction: findings have the size along one axis."""
+        return self.part == "frame" or self.part.startswith("mount")
+
     def is_on(self, count: int) -> Array:
         """Return whether each of `count` shots is after it, and before it was taken back."""
         rows = np.arange(count)
@@ -383,10 +397,9 @@ class TrueStep:
 
 def resolve_step(term: Term, kind: Kind, planned: PlannedShots, streams: Streams) -> TrueStep:
     """Return what a step changes in a plan's campaign."""
-    fitted, count = planned.rows("identification"), len(planned.joints)
-    places = [None if p is None else p * len(fitted) // SHOTS for p in (term.since, term.until)]
-    first = count - term.last if term.last else int(fitted[places[0] or 0])
-    end = count if places[1] is None else int(fitted[places[1]]) + 1
+    fitted, count = planned.fitted, len(planned.joints)
+    first = count - term.last if term.last else int(fitted[planned.scaled(term.since or 0)])
+    end = count if term.until is None else int(fitted[planned.scaled(term.until)]) + 1
     way = term.size * streams.direction(f"way of {term.effect}")
     if term.effect == "stand":
         return TrueStep("frame", first, end, term.size, {}, way)
@@ -407,8 +420,7 @@ def resolve_step(term: Term, kind: Kind, planned: PlannedShots, streams: Streams
 class Measured:
     """A campaign: its shots, the robot after the last one, and what was wrong by truth."""
 
-    nominal: RobotFile
-    truth: TrueRobot
+    now: TrueRobot
     shots: Shots
     wrong: frozenset[int]
     """Numbers of the wrong shots."""
@@ -424,13 +436,27 @@ def changed_robot(truth: TrueRobot, steps: list[TrueStep]) -> TrueRobot:
     return replace(truth, flat=flat)
 
 
+def settled_robot(truth: TrueRobot, streams: Streams) -> TrueRobot:
+    """Return a robot some time later: screws have settled, and joints were homed again."""
+    rng, flat = streams.of("settled"), dict(truth.flat)
+    for name, (_, field) in truth.kind.parameters.items():
+        spread = 0.01 if field.stem in ("x", "y", "z") else 0.005 if field.stem in LENGTHS else 0.0
+        if field.stem == "joint_offset":
+            spread = 0.002 if field.unit == "deg" else 0.01
+        flat[name] += spread * float(rng.standard_normal())
+    return replace(truth, flat=flat)
+
+
 def measure(
-    nominal: RobotFile, situation: Situation, planned: PlannedShots, streams: Streams
+    nominal: RobotFile,
+    truth: TrueRobot,
+    situation: Situation,
+    planned: PlannedShots,
+    streams: Streams,
 ) -> Measured:
-    """Draw a robot and measure a plan; raise `AssemblyLost` where the true robot has no pose."""
-    kind, count = KINDS[nominal.mechanism.name], len(planned.joints)
-    truth = draw_robot(nominal, situation, planned, streams)
-    steps = [resolve_step(term, kind, planned, streams) for term in situation.of(*STEPS)]
+    """Measure a plan of a true robot; raise `AssemblyLost` where that has no pose."""
+    count = len(planned.joints)
+    steps = [resolve_step(term, truth.kind, planned, streams) for term in situation.of(*STEPS)]
     sides = streams.of("sides").choice([-1.0, 1.0], planned.joints.shape)
     way = np.diff(planned.joints, axis=0, prepend=planned.joints[:1])
     true_joints = planned.joints - 0.01 * situation.size("lag") * way
@@ -455,7 +481,7 @@ def measure(
     how: dict[str, Any] = {"approach": sides, "covariance_mm2": covariance}
     shots = Shots.of(readings, beams, nominal, sets=planned.sets, pairs=planned.pairs, **how)
     now = changed_robot(truth, [step for step in steps if step.end == count])
-    return Measured(nominal, now, shots, frozenset(wrong), tuple(steps))
+    return Measured(now, shots, frozenset(wrong), tuple(steps))
 
 
 def _stand_motion(situation: Situation, beams: Array, streams: Streams) -> Array:
@@ -477,9 +503,9 @@ def _spoil(
     wrong: set[int] = set()
     for term in situation.of("wrong", "unseen"):
         rng, is_fitted = streams.of(term.effect), term.effect == "wrong"
-        rows = planned.rows("identification" if is_fitted else "validation")
-        count = term.count * len(rows) // SHOTS if is_fitted else term.count
-        spoiled = rng.choice(rows, max(count, 1), replace=False)
+        rows = planned.fitted if is_fitted else planned.rows("validation")
+        count = max(planned.scaled(term.count), 1) if is_fitted else term.count
+        spoiled = rng.choice(rows, count, replace=False)
         ways = _directions(rng, len(spoiled))
         beams[spoiled] += term.size * (ways[:1] if term.how == "same" else ways)
         wrong.update(spoiled.tolist())
@@ -496,7 +522,7 @@ def _unassemble(
     """Replace readings of some shots by some at which the nominal robot has no pose."""
     rng, low, high = streams.of("unassembled"), readings.min(axis=0), readings.max(axis=0)
     count = int(situation.size("unassembled"))
-    rows = rng.choice(planned.rows("identification"), count, replace=False)
+    rows = rng.choice(planned.fitted, count, replace=False)
     for row in rows.tolist():
         # twice as wide a range as the plan's has many such readings
         while nominal.kinematics.forward(readings[row : row + 1]).is_solved[0]:
