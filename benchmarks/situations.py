@@ -3,11 +3,15 @@
 python -m benchmarks.situations [--cells SITUATION …] [--mechanisms NAME …] [--campaigns N] …
 python -m benchmarks.situations --check
 
-The truth is of single rods (`benchmarks.truths`, which explains the words of a situation). One line
-a cell: medians of the real error of positions, in the best frame, and of the stated one; the largest
-ratio of both; verdicts; passes with a real error above twice the stated one; wrong shots found, good
-ones lost; changes named with the right part, at the right shot, with the right size; processor time;
-findings, in brackets those that are only reported.
+The truth is of single rods; `benchmarks.truths` explains a situation's words. One line a cell:
+
+- real: rms error of positions in the best frame, µm, and stated: 1 σ (medians); the largest ratio
+- passes, failures, "not decided"; WRONG: passes with a real error above twice the stated one
+- wrong shots found of all, and good shots lost
+- steps of which a finding names the part; also the first shot; also the size within U; of all
+- processor time of an identification, s: median and largest
+- findings by name and part, in brackets if they are only reported. `!` is the part that changed,
+  `~` another one beside which it is named, `?` one that did not change
 """
 
 import argparse
@@ -19,35 +23,29 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from fnmatch import fnmatchcase
-from functools import lru_cache
-from importlib import resources
 from itertools import product
 from pathlib import Path
-from tempfile import gettempdir
 from typing import Any, NamedTuple
 
 import numpy as np
 from joblib import Parallel, delayed
 
-from benchmarks.false_acceptance import ROBOTS, TRACKER_MM, WRONG_POSITIONS
-from benchmarks.truths import (
+from benchmarks.true_campaigns import (
+    PLANS_FOLDER,
     Measured,
-    PlannedShots,
-    Situation,
-    Streams,
-    TrueRobot,
     TrueStep,
-    draw_robot,
     measure,
+    nominal_robot,
+    planned_shots,
+    position_error_um,
     settled_robot,
+    streams_of,
 )
-from campaigns.arrays import Array
+from benchmarks.truths import ROBOTS, PlannedShots, Situation, Streams, draw_robot
 from campaigns.errors import CampaignError
-from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.identification.checking import check
 from campaigns.identification.options import IdentificationOptions
-from campaigns.robots.robot import RobotFile
-from pkmcal import find_robot, identify, plan, sample_workspace
+from pkmcal import find_robot, identify
 from sim.errors import AssemblyLost
 
 KEY_CELLS = (
@@ -59,11 +57,12 @@ KEY_CELLS = (
     *("mount 0.3 from 30", "stand 0.05 from 30", "stand 0.3 from 30", "stand 5 from 30"),
     *("stand 0.3 from 20 to 27", "encoder 0.05 from 20 + forearm 0.3 from 40"),
     *("drift 0.1", "drift 0.3", "walk 0.1", "drift 0.1 + stand 0.3 from 30"),
-    *("ripple", "ripple own", "ripple one", "edge 0.3", "kink 1", "sag 0.3", "bent 0.1", "theta 0.3"),
-    *("dent 80", "lag 0.1", "ripple + drift 0.1", "encoder 0.05 from 30 + wrong 10 x 1.5"),
+    *("ripple", "ripple own", "ripple one", "edge 0.3", "kink 1", "sag 0.3", "bent 0.1"),
+    *("theta 0.3", "dent 80", "lag 0.1", "lag 1", "ripple + drift 0.1"),
+    "encoder 0.05 from 30 + wrong 10 x 1.5",
     "wrong 10 x 1.5 + rods 0.2 + reflector 50 + drift 0.1",
 )  # fmt: skip
-"""Situations of which one is measured unless others are asked for."""
+"""Situations that are measured unless others are asked for."""
 MORE_CELLS = (
     *("rods 0.2", "backlash 0.3", "azimuths 0.5", "eccentricity 0.03", "yield 0.2"),
     *("reflector 50", "reflector 50 unstated", "plate 10", "rods 0.2 + reflector 50 + plate 10"),
@@ -85,7 +84,7 @@ MORE_CELLS = (
     *("drift 0.1 + encoder 0.05 from 30", "drift 0.1 + stand 0.1 from 30"),
     *("drift 0.3 + stand 0.3 from 20 to 27", "drift 0.3 + wrong 10 x 1.5"),
     *("ripple 0.33", "ripple 3", "ripple + encoder 0.05 from 30", "ripple + wrong 10 x 1.5"),
-    *("edge 0.1", "edge 1", "cable 0.3", "dent 150", "lag 1", "edge 0.3 + wrong 6 x 1.5"),
+    *("edge 0.1", "edge 1", "cable 0.3", "dent 150", "edge 0.3 + wrong 6 x 1.5"),
     *("wrong 6 x 0.3 + rods 0.2 + reflector 50 + drift 0.1", "stand 0.3 from 30 + wrong 10 x 1.5"),
     "small + reflector 50 + drift 0.05",
 )
@@ -101,16 +100,15 @@ CHECKS = (
 """What has happened to a robot, or to the shots, since it was identified."""
 VERDICTS = ("pass", "fail", "not decided")
 HEADING = (
-    f"{'':61} |  real/stated ratio |  p/f/nd wp|found/of   lost|part at size |  s median, max | findings"
+    f"{'':60}    real/stated  most | p/f/nd WRONG | found/of lost | part first size/of |"
+    "   s   most | findings"
 )
-POSES = 150
-"""Poses of the workspace at which positions are compared."""
+WRONG_POSITIONS = 2.0
+"""Real over stated error of positions beyond which a pass is wrong."""
 CHECK_SHOTS = 8
-PLANS = 8
-"""Plans of each mechanism and number of shots, by the campaigns' seeds in turn."""
-NAMED = re.compile(r"shots? (\d+(?:(?:, | and |–)\d+)*)")
 SHOTS_BESIDE = 1
 """Identification shots by which a change may be named too early or too late."""
+NAMED = re.compile(r"shots? (\d+(?:(?:, | and |–)\d+)*)")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,7 +141,7 @@ class Outcome:
     @property
     def ratio(self) -> float:
         """Real over stated error of positions."""
-        return self.real_um / self.stated_um if self.real_um and self.stated_um else float("nan")
+        return self.real_um / self.stated_um if self.real_um and self.stated_um else math.nan
 
     @property
     def is_wrong_pass(self) -> bool:
@@ -151,69 +149,12 @@ class Outcome:
         return self.verdict == "pass" and self.ratio > WRONG_POSITIONS
 
 
-def planned_shots(mechanism: str, shots: int, seed: int, folder: Path) -> PlannedShots:
-    """Return a plan for the nominal robot, made once and kept in a folder."""
-    file = folder / f"{mechanism}-{shots}-{seed}.json"
-    if not file.exists():
-        made = plan(find_robot(ROBOTS[mechanism]), TRACKER_MM.tolist(), shots=shots, seed=seed)
-        kinematics = find_robot(ROBOTS[mechanism]).kinematics
-        joints = np.array([shot.joints for shot in made.shots])
-        document = {
-            "joints": joints.tolist(),
-            "poses": kinematics.forward(joints).values_or_raise().tolist(),
-            "sets": [shot.purpose.value for shot in made.shots],
-            "pairs": [shot.pair for shot in made.shots],
-        }
-        folder.mkdir(parents=True, exist_ok=True)
-        # another process may write the same plan at this moment
-        draft = file.with_suffix(f".{time.monotonic_ns()}")
-        draft.write_text(json.dumps(document), encoding="utf-8")
-        draft.replace(file)
-    read = json.loads(file.read_text(encoding="utf-8"))
-    joints, poses = np.array(read["joints"]), np.array(read["poses"])
-    return PlannedShots(joints, poses, tuple(read["sets"]), tuple(read["pairs"]))
-
-
-def nominal_robot(mechanism: str, folder: Path, *, is_reflector_stated: bool) -> RobotFile:
-    """Return a shipped robot, or one by a copy of its file that does not say where the reflector is."""
-    name = ROBOTS[mechanism]
-    if is_reflector_stated:
-        return find_robot(name)
-    text = (resources.files("campaigns.robots") / f"{name}.yaml").read_text(encoding="utf-8")
-    file = folder / f"{name}-unstated.yaml"
-    folder.mkdir(parents=True, exist_ok=True)
-    file.write_text(re.sub(r"^reflector_mm:.*\n", "", text, flags=re.MULTILINE), encoding="utf-8")
-    return find_robot(file)
-
-
-@lru_cache
-def workspace(mechanism: str) -> tuple[Array, ...]:
-    """Return the poses at which positions are compared, (N, t)."""
-    return tuple(sample_workspace(find_robot(ROBOTS[mechanism]), POSES, seed=99))
-
-
-def position_error_um(nominal: RobotFile, truth: TrueRobot, result: Any) -> float:
-    """Return the rms error of poses that the identified robot is to take, in the best frame."""
-    robot = nominal.of(nominal.mechanism, result.flat(), name="identified", limits=nominal.limits)
-    poses = np.array(workspace(nominal.mechanism.name))
-    inverse = robot.kinematics.inverse(poses)
-    poses, joints = poses[inverse.is_solved], inverse.values[inverse.is_solved]
-    true = truth.points(joints, np.zeros(joints.shape), poses)
-    left = fit_transform(poses[:, :3], true).apply(poses[:, :3]) - true
-    return 1e3 * float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
-
-
-def streams_of(mechanism: str, seed: int) -> Streams:
-    """Return the generators of a campaign, which are the same in all situations."""
-    return Streams((seed, list(ROBOTS).index(mechanism)))
-
-
 def run(mechanism: str, cell: str, shots: int, seed: int, folder: Path) -> Outcome:
     """Measure and identify one campaign, and compare the result with the truth."""
     situation, streams = Situation.parse(cell), streams_of(mechanism, seed)
     about: dict[str, Any] = {"mechanism": mechanism, "cell": cell, "shots": shots, "seed": seed}
     nominal = nominal_robot(mechanism, folder, is_reflector_stated=situation.is_reflector_stated)
-    planned = planned_shots(mechanism, shots, 1 + seed % PLANS, folder)
+    planned = planned_shots(mechanism, shots, seed, folder)
     truth = draw_robot(nominal, situation, planned, streams)
     try:
         measured = measure(nominal, truth, situation, planned, streams)
@@ -227,16 +168,15 @@ def run(mechanism: str, cell: str, shots: int, seed: int, folder: Path) -> Outco
         seconds = time.process_time() - start
         return Outcome(**about, verdict=type(error).__name__, says=str(error), seconds=seconds)
     about["seconds"] = time.process_time() - start
-    try:
-        about["real_um"] = position_error_um(nominal, measured.now, result)
-    except AssemblyLost:
-        about["real_um"] = float("inf")
+    about["real_um"] = position_error_um(nominal, measured.now, result)
     return judged(measured, planned, result, about)
 
 
-def judged(measured: Measured, planned: PlannedShots, result: Any, about: dict[str, Any]) -> Outcome:
+def judged(
+    measured: Measured, planned: PlannedShots, result: Any, about: dict[str, Any]
+) -> Outcome:
     """Compare what a result names with the truth."""
-    named = {e.shot for e in result.excluded if e.shot is not None}
+    named = {excluded.shot for excluded in result.excluded if excluded.shot is not None}
     wrong_findings = [finding.says for finding in result.findings if "wrong" in finding.name]
     stated = result.position_std_mm
     rights = [named_rightly(step, result.findings, planned) for step in measured.steps]
@@ -300,7 +240,8 @@ def named_rightly(step: TrueStep, findings: Iterable[Any], planned: PlannedShots
             # of a motion in space the largest share along an axis is named
             off = max(abs(size) - step.size, step.size / math.sqrt(3.0) - abs(size))
         is_size = numbers["part"] == step.part and off <= limit
-        best = max(best, Rightly(True, bool(abs(ends[1] - ends[0]) <= SHOTS_BESIDE), is_size))
+        is_place = bool(abs(ends[1] - ends[0]) <= SHOTS_BESIDE)
+        best = max(best, Rightly(part=True, place=is_place, size=is_size))
     return best
 
 
@@ -318,40 +259,38 @@ def label(finding: Any, steps: Sequence[TrueStep]) -> str:
     return text if finding.affects_verdict else f"({text})"
 
 
-def median(values: Iterable[float | None]) -> float:
-    """Return the median of the values that there are, NaN if there are none."""
-    there = [value for value in values if value is not None]
-    return float(np.median(there)) if there else float("nan")
-
-
 def line(outcomes: Sequence[Outcome]) -> str:
     """Return the line of a cell."""
-    first, seconds = outcomes[0], [outcome.seconds for outcome in outcomes]
-    ratios = [outcome.ratio for outcome in outcomes if not np.isnan(outcome.ratio)]
-    verdicts = Counter(outcome.verdict for outcome in outcomes)
-    others = [f"{n} {word}" for word, n in verdicts.items() if word not in VERDICTS]
-    total = {
-        name: sum(getattr(outcome, name) for outcome in outcomes)
-        for name in ("wrong", "found", "lost", "steps", "parts", "places", "sizes")
-    }
-    named = Counter(text for outcome in outcomes for text in outcome.findings)
-    of_steps = f"{total['parts']} {total['places']} {total['sizes']}/{total['steps']}"
-    real, stated = (median(getattr(o, n) for o in outcomes) for n in ("real_um", "stated_um"))
-    cells = (
-        f"{first.mechanism:12} {first.cell:44} {first.shots:3}",
-        f"{real:6.1f}/{stated:<6.1f}{max(ratios, default=float('nan')):6.2f}",
-        f"{'/'.join(str(verdicts[word]) for word in VERDICTS):>7}{len_wrong(outcomes):4}",
-        f"{total['found']:4}/{total['wrong']:<4}{total['lost']:3}" if total["wrong"] or total["lost"] else f"{'':12}",
-        f"{of_steps if total['steps'] else '':>10}",
-        f"{median(seconds):5.2f}{max(seconds):6.2f}",
-        ", ".join([*others, *(f"{text} {n}" for text, n in named.most_common())]),
+
+    def total(name: str) -> int:
+        """Add up a count of all campaigns."""
+        return sum(getattr(outcome, name) for outcome in outcomes)
+
+    def median(name: str) -> float:
+        """Return the median of the campaigns that have a figure."""
+        values = [value for o in outcomes if (value := getattr(o, name)) is not None]
+        return float(np.median(values)) if values else math.nan
+
+    cell, verdicts = outcomes[0], Counter(outcome.verdict for outcome in outcomes)
+    ratio = max((o.ratio for o in outcomes if not math.isnan(o.ratio)), default=math.nan)
+    shots = steps = ""
+    if total("wrong") or total("lost"):
+        shots = f"{total('found'):5}/{total('wrong'):<4}{total('lost'):3}"
+    if total("steps"):
+        named = (total(name) for name in ("parts", "places", "sizes"))
+        steps = "".join(f"{count:5}" for count in named) + f"/{total('steps')}"
+    others = [f"{word} {count}" for word, count in verdicts.items() if word not in VERDICTS]
+    findings = Counter(text for outcome in outcomes for text in outcome.findings)
+    columns = (
+        f"{cell.mechanism:12} {cell.cell:43} {cell.shots:3}",
+        f"{median('real_um'):7.1f}/{median('stated_um'):<6.1f}{ratio:6.2f}",
+        f"{'/'.join(str(verdicts[word]) for word in VERDICTS):>7}{total('is_wrong_pass'):5}",
+        f"{shots:14}",
+        f"{steps:18}",
+        f"{median('seconds'):5.2f}{max(outcome.seconds for outcome in outcomes):6.2f}",
+        " " + ", ".join([*others, *(f"{text} {n}" for text, n in findings.most_common())]),
     )
-    return " |".join(cells)
-
-
-def len_wrong(outcomes: Iterable[Outcome]) -> int:
-    """Count passes that are far worse than stated."""
-    return sum(outcome.is_wrong_pass for outcome in outcomes)
+    return " |".join(columns)
 
 
 def chosen(patterns: Sequence[str]) -> Iterator[str]:
@@ -362,12 +301,12 @@ def chosen(patterns: Sequence[str]) -> Iterator[str]:
 
 
 def judge_checks(mechanism: str, shots: int, seed: int, folder: Path) -> dict[str, str]:
-    """Identify a clean robot, check it by few shots in each situation, and return what came of it.
+    """Identify a clean robot, and return what comes of a check by few shots in each situation.
 
     Empty if the identification did not pass.
     """
-    nominal = find_robot(ROBOTS[mechanism])
-    planned, streams = planned_shots(mechanism, shots, 1 + seed % PLANS, folder), streams_of(mechanism, seed)
+    nominal, streams = find_robot(ROBOTS[mechanism]), streams_of(mechanism, seed)
+    planned = planned_shots(mechanism, shots, seed, folder)
     clean = Situation.parse("clean")
     robot = draw_robot(nominal, clean, planned, streams)
     result: Any = identify(measure(nominal, robot, clean, planned, streams).shots, nominal)
@@ -391,11 +330,16 @@ def judge_checks(mechanism: str, shots: int, seed: int, folder: Path) -> dict[st
 
 
 def check_label(outcome: Any, measured: Measured) -> str:
-    """Return a check's decision, and whether it names the parts and shots that are wrong."""
+    """Return a check's decision, and whether it names what is wrong: `fail part!`, `pass`.
+
+    `arm!` is another part of the arm that changed, `part?` and `shots?` are wrong ones.
+    """
     text, named = str(outcome.decision), shots_named([outcome.says])
     if outcome.parts:
-        is_right = any(step.part in outcome.parts for step in measured.steps)
-        text += " part!" if is_right else " part?"
+        changed = {step.part for step in measured.steps}
+        arms, named_arms = ({p.split()[-1] for p in parts} for parts in (changed, outcome.parts))
+        is_right = bool(changed & {*outcome.parts})
+        text += " part!" if is_right else " arm!" if arms & named_arms else " part?"
     if named:
         text += " shots!" if named == measured.wrong else " shots?"
     return text
@@ -416,12 +360,12 @@ def print_checks(mechanism: str, asked: argparse.Namespace) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--cells", nargs="+", default=KEY_CELLS, help="words, or patterns of some")
+    parser.add_argument("--cells", nargs="+", default=KEY_CELLS, help="words or patterns")
     parser.add_argument("--mechanisms", nargs="+", default=list(ROBOTS), choices=list(ROBOTS))
-    parser.add_argument("--shots", nargs="+", type=int, default=[60])
+    parser.add_argument("--shots", nargs="+", type=int, default=[60], help="30, 60, 120")
     for option, default in (("campaigns", 4), ("seed", 1), ("jobs", 2)):
         parser.add_argument(f"--{option}", type=int, default=default)
-    parser.add_argument("--plans", type=Path, default=Path(gettempdir()) / "pkmcal-plans")
+    parser.add_argument("--plans", type=Path, default=PLANS_FOLDER, help="folder of the plans")
     parser.add_argument("--json", type=Path, help="file to which a line a campaign is added")
     parser.add_argument("--check", action="store_true", help="check robots instead")
     asked = parser.parse_args()

@@ -1,44 +1,35 @@
-"""Draw robots of single rods in a situation, and measure campaigns of them by a tracker.
+"""True robots of single rods, with what is wrong about them in a situation.
 
 A situation is what is wrong beside a robot's geometry, in words: "clean", "rods 0.2 + drift 0.1",
 "encoder 0.05 from 30 + wrong 10 x 1.5". `EFFECTS` lists what can be said, and in which unit. Counts
-of shots are of 60 and grow with the campaign: in one of 120 shots "from 30" is from shot 60.
+and places of shots are of 60 and grow with a campaign: in one of 120 "from 30" is from shot 60.
 
 Theory of operation:
 
 1. `draw_robot` draws the geometry (1 mm, 0.5°; of carriages 1 mm) and the errors of manufacture.
    Each effect has a random generator of its own, so that it is the same in every situation.
 2. `TrueRobot.points` puts the reflector where the simulator's rods hold it: encoders, through
-   gears, ripples and bent arms, move the elbows; errors that no model has are added to the point.
-3. `measure` measures a plan: it changes the robot or its stand between shots, lets the stand drift,
-   adds the tracker's noise as it is stated, and spoils the wrong shots.
+   gears, ripples and a bent arm, move the elbows; errors that no model has are added to the point.
+
+What comes of it between shots and at the tracker is in `benchmarks.true_campaigns`.
 """
 
 import math
 import re
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.false_acceptance import (
-    CRANK_MM,
-    PITCH_MM,
-    ROD_SPACING_MM,
-    TRACKER_MM,
-    noise_mm,
-    settled_points,
-    stated_covariance_mm2,
-)
 from campaigns.arrays import Array, Index
 from campaigns.robots.robot import RobotFile
-from pkmcal import Shots
-from sim.geometry import KINDS, LENGTHS, Kind, geometry_of
-from sim.robot.rods import Build, RodMechanism, rotation
-from sim.robot.transmission import Load, Transmission
+from sim.geometry import KINDS, Kind, geometry_of
+from sim.robot.rods import Build, Plate, RodMechanism
+from sim.robot.transmission import WEIGHTLESS, Load, Transmission
 
+ROBOTS = {name: "par4-prototype" if name == "par4" else name for name in KINDS}
+"""Shipped robots by mechanism."""
 EFFECTS = {
     "clean": "nothing but geometry",
     "small": "all errors of manufacture, small",
@@ -88,6 +79,8 @@ TOLERANCES = {
     "ratios": 500.0, "backlash": 1.0, "yield": 0.1, "frame": 0.05,
 }  # fmt: skip
 """Sizes (1 σ) of the errors of manufacture, in the units of `EFFECTS`."""
+WITHOUT_SIZE = ("clean", "small", "tolerances", "ripple")
+"""Effects of which the usual size is meant where none is said."""
 STEPS = ("encoder", "arm", "forearm", "mount", "stand")
 """Effects that begin between two shots."""
 TERM = re.compile(
@@ -95,11 +88,9 @@ TERM = re.compile(
     r"(?: (?P<how>unstated|same|own|one))?"
     r"(?: from (?P<since>\d+)(?: to (?P<until>\d+))?| last (?P<last>\d+))?"
 )
+ROD_SPACING_MM, PITCH_MM, CRANK_MM = 80.0, 20.0, 350.0
 SHOTS = 60
 """Number of identification shots that counts and places in a situation's words are of."""
-MM_PER_DEG = 6.0
-"""Travel of a carriage that compares with 1° of a crank."""
-RIPPLE_RAD, RIPPLE_RATE, RIPPLE_MM = math.radians(0.5 / 60.0), 50.0, 0.03
 SAG_REACH_MM = 400.0
 
 
@@ -135,7 +126,7 @@ class Situation:
         """Return the size of an error of manufacture, 0 if there is none."""
         drawn = {"small": SMALL, "tolerances": TOLERANCES}
         sizes = [drawn[t.effect].get(effect, 0.0) for t in self.terms if t.effect in drawn]
-        return sum(sizes) + sum(term.size for term in self.of(effect))
+        return float(sum(sizes) + sum(term.size for term in self.of(effect)))
 
     def of(self, *effects: str) -> list[Term]:
         """Return the terms of these effects."""
@@ -160,8 +151,15 @@ def _parse_term(words: str) -> Term:
         raise ValueError(f"'{words}' is no effect; effects are {', '.join(EFFECTS)}")
     numbers = {key: int(match[key]) for key in ("count", "since", "until", "last") if match[key]}
     size = float(match["size"] or 1.0)
+    missing = ""
     if match["effect"] in STEPS and not {"since", "last"} & numbers.keys():
-        raise ValueError(f"'{words}' does not say from which shot: add 'from 30' or 'last 5'")
+        missing = "from which shot: add 'from 30' or 'last 5'"
+    if match["effect"] not in WITHOUT_SIZE and not match["size"]:
+        missing = f"its size, {EFFECTS[match['effect']]}"
+    if match["effect"] in ("wrong", "unseen") and "count" not in numbers:
+        missing = "how many shots, such as '3 x 1.5'"
+    if missing:
+        raise ValueError(f"'{words}' does not say {missing}")
     return Term(match["effect"], size, how=match["how"] or "", **numbers)
 
 
@@ -177,10 +175,11 @@ class Streams:
 
     def direction(self, purpose: str) -> Array:
         """Return a random unit vector (3,)."""
-        return _directions(self.of(purpose), 1)[0]
+        return np.asarray(directions(self.of(purpose), 1)[0])
 
 
-def _directions(rng: np.random.Generator, count: int) -> Array:
+def directions(rng: np.random.Generator, count: int) -> Array:
+    """Draw unit vectors (count, 3)."""
     drawn = rng.standard_normal((count, 3))
     return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
 
@@ -212,7 +211,20 @@ class PlannedShots:
     @property
     def reach_mm(self) -> float:
         """Largest distance of a pose from the base's z axis."""
-        return float(np.hypot(*self.poses[:, :2].T).max())
+        return float(np.hypot(self.poses[:, 0], self.poses[:, 1]).max())
+
+
+def settled_points(
+    rods: RodMechanism, joints: Array, near: Array, reflector_mm: Array, load: Load = WEIGHTLESS
+) -> Array:
+    """Return where rods put a reflector (N, 3) at joints, near poses (N, t), less its offset."""
+    points = []
+    for row, pose in zip(joints, near, strict=True):
+        plate = rods.settle(row, Plate.level(rods.kind, pose[:3], float(pose[3:].sum())))[0]
+        if load.at_plate_n:
+            plate = rods.settle(row + load.yielding(rods, row, plate), plate)[0]
+        points.append(rods.reflector_mm(plate, reflector_mm) - reflector_mm)
+    return np.array(points)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -234,15 +246,17 @@ class TrueRobot:
     bend: Array
     """(3,): bent arm's joint, the angle from which it bends, and its error a rad or mm beyond."""
     yield_mm: float
+    """Motion of the drives under the plate's weight, at their cranks' ends."""
     reflector_mm: Array
     """Reflector on the plate, seen from the controlled point."""
-    lacks: tuple[Term, ...]
-    """Errors of the point that depend on its place."""
     frame_mm: Array
     """(2,): rise of the point by its squared reach and by its height."""
+    lacks: tuple[Term, ...]
+    """Errors of the point by its place."""
     reach_mm: float
-    middle_mm: Array
-    """(3,): place of a dent."""
+    """Radius of the workspace, by which some of them grow."""
+    dent_mm: Array
+    """(3,): middle of a dent."""
 
     def points(self, joints: Array, sides: Array, near: Array) -> Array:
         """Return the reflector's points (N, 3) at encoder values, less its offset, near poses."""
@@ -259,6 +273,25 @@ class TrueRobot:
         errors_mm = [self._lack_mm(lack, points, turn_rad) for lack in self.lacks]
         return np.asarray(points + sum(errors_mm))
 
+    def known(self) -> dict[str, float]:
+        """Return the values of the model's parameters by name, mm, deg and ppm."""
+        rods_mm, gears, kind = self.build.rod_errors_mm, self.gears, self.kind
+        columns = {
+            "parallelogram_skew_deg": np.degrees((rods_mm[:, 1] - rods_mm[:, 0]) / ROD_SPACING_MM),
+            "axis_tilt_deg": np.degrees(self.build.axis_tilts_rad),
+            "bar_turn_deg": np.degrees(np.asarray(self.build.bar_turns_rad)),
+            "encoder_gain_ppm": 1e6 * gears.ratio,
+            "eccentricity_sin_deg": np.degrees(gears.eccentricity * np.cos(gears.phase_rad)),
+            "eccentricity_cos_deg": -np.degrees(gears.eccentricity * np.sin(gears.phase_rad)),
+            f"backlash_{kind.unit}": np.full(kind.arms, kind.outer(self.backlash)),
+        }
+        values = {f"arm{a}.{n}": float(v) for n, c in columns.items() for a, v in enumerate(c)}
+        for arm, error_mm in enumerate(rods_mm.mean(axis=1)):
+            values[f"arm{arm}.forearm_mm"] = self.flat[f"arm{arm}.forearm_mm"] + error_mm
+        by_reach, by_height = self.frame_mm.tolist()
+        # a model's sag is of 400 mm of reach and of 200 mm of height
+        return {**self.flat, **values, "sag_reach_mm": by_reach, "sag_z_mm": 0.5 * by_height}
+
     def _lack_mm(self, lack: Term, points: Array, turn_rad: Array) -> Array:
         """Return the errors (N, 3) of points by one thing that no model has."""
         radius = np.hypot(points[:, 0], points[:, 1]) / self.reach_mm
@@ -266,7 +299,7 @@ class TrueRobot:
             corner = points[:, :2].sum(axis=1) / math.sqrt(2.0) / self.reach_mm
             pull = lack.size * (np.maximum(corner - 0.3, 0.0) / 0.7) ** 2
             return np.outer(pull, [-0.6, -0.6, 0.53])
-        away_mm = np.linalg.norm(points - self.middle_mm, axis=1)
+        away_mm = np.linalg.norm(points - self.dent_mm, axis=1)
         rise = {
             "edge": lack.size * radius**10,
             "kink": 1e-3 * lack.size * np.maximum(points[:, 0] - 0.4 * self.reach_mm, 0.0),
@@ -292,14 +325,14 @@ def draw_robot(
     flat = _geometry(nominal, kind, streams)
     for arm, error in enumerate(np.degrees(1e-3 * normal("azimuths", arms)).tolist()):
         flat[f"arm{arm}.{'elevation' if kind.on_rails else 'azimuth'}_deg"] += error
-    joints_mm = np.array(plate.joints_mm) + size("plate") * _directions(streams.of("plate"), arms)
+    joints_mm = np.array(plate.joints_mm) + size("plate") * directions(streams.of("plate"), arms)
     tilts_rad, bars_rad = 1e-3 * normal("tilts", arms), 1e-3 * normal("bars", arms)
     rods_mm = normal("rods", arms, 2)
     build = Build(joints_mm, ROD_SPACING_MM, rods_mm, tilts_rad, bar_turns_rad=bars_rad)
     # an eccentric scale exists on cranks alone; sine and cosine have the drawn sizes
     sine, cosine = np.radians(normal("eccentricity", 2, arms)) * (not kind.on_rails)
     ratio = 1e-6 * normal("ratios", arms)
-    ratio[_arm(streams, "ratio", arms)] += 1e-6 * size("ratio")
+    ratio[arm_of(streams, "ratio", arms)] += 1e-6 * size("ratio")
     none = np.zeros(arms)
     gears = Transmission(np.hypot(sine, cosine), np.arctan2(-cosine, sine), ratio, none, none)
     ripple, rates = _ripples(kind, situation, streams)
@@ -315,10 +348,10 @@ def draw_robot(
         bend=_bend(kind, situation, planned, streams),
         yield_mm=size("yield"),
         reflector_mm=np.array(plate.reflector_mm) + _misplaced(kind, situation, streams),
-        lacks=tuple(situation.of("edge", "kink", "cable", "sag", "theta", "dent")),
         frame_mm=normal("frame", 2),
+        lacks=tuple(situation.of("edge", "kink", "cable", "sag", "theta", "dent")),
         reach_mm=planned.reach_mm,
-        middle_mm=streams.of("dent").choice(planned.poses[:, :3]),
+        dent_mm=streams.of("dent").choice(planned.poses[:, :3]),
     )
 
 
@@ -333,7 +366,7 @@ def _geometry(nominal: RobotFile, kind: Kind, streams: Streams) -> dict[str, flo
     return flat
 
 
-def _arm(streams: Streams, effect: str, arms: int) -> int:
+def arm_of(streams: Streams, effect: str, arms: int) -> int:
     """Draw the arm that an effect is about."""
     return int(streams.of(f"arm of {effect}").integers(arms))
 
@@ -348,12 +381,13 @@ def _misplaced(kind: Kind, situation: Situation, streams: Streams) -> Array:
 
 def _ripples(kind: Kind, situation: Situation, streams: Streams) -> tuple[Array, Array]:
     """Return largest errors and rates of the ripples of each arm, (n,)."""
-    arms = kind.arms
-    one, rate = (RIPPLE_MM, 2.0 * math.pi / PITCH_MM) if kind.on_rails else (RIPPLE_RAD, RIPPLE_RATE)
-    ripple, rates = np.full(arms, situation.size("ripple") * one), np.full(arms, rate)
+    arms, usual, rate = kind.arms, math.radians(0.5 / 60.0), 50.0
+    if kind.on_rails:
+        usual, rate = 0.03, 2.0 * math.pi / PITCH_MM
+    ripple, rates = np.full(arms, situation.size("ripple") * usual), np.full(arms, rate)
     for term in situation.of("ripple"):
         if term.how == "one":
-            ripple[np.arange(arms) != _arm(streams, "ripple", arms)] = 0.0
+            ripple[np.arange(arms) != arm_of(streams, "ripple", arms)] = 0.0
         if term.how == "own":
             rates *= streams.of("rates").uniform(0.5, 2.0, arms)
     return ripple, rates
@@ -361,170 +395,7 @@ def _ripples(kind: Kind, situation: Situation, streams: Streams) -> tuple[Array,
 
 def _bend(kind: Kind, situation: Situation, planned: PlannedShots, streams: Streams) -> Array:
     """Return the bent arm, the joint from which it bends, and its rate."""
-    arm = _arm(streams, "bent", kind.arms)
+    arm = arm_of(streams, "bent", kind.arms)
     since, end = np.quantile(planned.joints[:, arm], [0.7, 1.0])
     size = math.radians(situation.size("bent")) * kind.scale
     return np.array([arm, since, size / (end - since)])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TrueStep:
-    """A part that changed between two shots: which, where in time, and by how much."""
-
-    part: str
-    """`encoder 1`, as findings name it, or `frame`."""
-    first: int
-    """Row of the first shot after it."""
-    end: int
-    """Row after the last one."""
-    size: float
-    """deg or mm."""
-    flat: Mapping[str, float]
-    """Changes of the robot's parameters by name."""
-    shift_mm: Array
-    """(3,): motion of the points seen from the tracker."""
-
-    @property
-    def is_of_place(self) -> bool:
-        """Whether the part moved, in a direction: findings have the size along one axis."""
-        return self.part == "frame" or self.part.startswith("mount")
-
-    def is_on(self, count: int) -> Array:
-        """Return whether each of `count` shots is after it, and before it was taken back."""
-        rows = np.arange(count)
-        return np.asarray((rows >= self.first) & (rows < self.end))
-
-
-def resolve_step(term: Term, kind: Kind, planned: PlannedShots, streams: Streams) -> TrueStep:
-    """Return what a step changes in a plan's campaign."""
-    fitted, count = planned.fitted, len(planned.joints)
-    first = count - term.last if term.last else int(fitted[planned.scaled(term.since or 0)])
-    end = count if term.until is None else int(fitted[planned.scaled(term.until)]) + 1
-    way = term.size * streams.direction(f"way of {term.effect}")
-    if term.effect == "stand":
-        return TrueStep("frame", first, end, term.size, {}, way)
-    arm, size = _arm(streams, term.effect, kind.arms), term.size
-    name, still = f"arm{arm}", np.zeros(3)
-    if term.effect == "encoder":
-        size *= MM_PER_DEG if kind.on_rails else 1.0
-        flat = {f"{name}.joint_offset_{kind.unit}": size}
-    elif term.effect == "mount":
-        keys = (f"{name}.{axis}_mm" for axis in "xyz")
-        flat = dict(zip(keys, way.tolist(), strict=True))
-    else:
-        flat = {f"{name}.{term.effect}_mm": size}
-    return TrueStep(f"{term.effect} {arm}", first, end, size, flat, still)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Measured:
-    """A campaign: its shots, the robot after the last one, and what was wrong by truth."""
-
-    now: TrueRobot
-    shots: Shots
-    wrong: frozenset[int]
-    """Numbers of the wrong shots."""
-    steps: tuple[TrueStep, ...]
-
-
-def changed_robot(truth: TrueRobot, steps: list[TrueStep]) -> TrueRobot:
-    """Return a robot of which some parts have changed."""
-    flat = dict(truth.flat)
-    for step in steps:
-        for name, change in step.flat.items():
-            flat[name] += change
-    return replace(truth, flat=flat)
-
-
-def settled_robot(truth: TrueRobot, streams: Streams) -> TrueRobot:
-    """Return a robot some time later: screws have settled, and joints were homed again."""
-    rng, flat = streams.of("settled"), dict(truth.flat)
-    for name, (_, field) in truth.kind.parameters.items():
-        spread = 0.01 if field.stem in ("x", "y", "z") else 0.005 if field.stem in LENGTHS else 0.0
-        if field.stem == "joint_offset":
-            spread = 0.002 if field.unit == "deg" else 0.01
-        flat[name] += spread * float(rng.standard_normal())
-    return replace(truth, flat=flat)
-
-
-def measure(
-    nominal: RobotFile,
-    truth: TrueRobot,
-    situation: Situation,
-    planned: PlannedShots,
-    streams: Streams,
-) -> Measured:
-    """Measure a plan of a true robot; raise `AssemblyLost` where that has no pose."""
-    count = len(planned.joints)
-    steps = [resolve_step(term, truth.kind, planned, streams) for term in situation.of(*STEPS)]
-    sides = streams.of("sides").choice([-1.0, 1.0], planned.joints.shape)
-    way = np.diff(planned.joints, axis=0, prepend=planned.joints[:1])
-    true_joints = planned.joints - 0.01 * situation.size("lag") * way
-    # Shots between the same steps see one robot: the rods are built once for each such span.
-    is_on = np.array([step.is_on(count) for step in steps]).reshape(-1, count)
-    points = np.empty((count, 3))
-    for pattern in np.unique(is_on, axis=1).T:
-        rows = (is_on == pattern[:, None]).all(axis=0)
-        robot = changed_robot(truth, [s for s, on in zip(steps, pattern, strict=True) if on])
-        points[rows] = robot.points(true_joints[rows], sides[rows], planned.poses[rows])
-    scatter = streams.of("scatter").standard_normal(points.shape)
-    points += situation.size("scatter") * scatter
-    turn = rotation(0.0, 0.0, streams.of("stand").uniform(-math.pi, math.pi))
-    beams = (points - TRACKER_MM) @ turn.T
-    covariance = stated_covariance_mm2(beams)
-    beams += _stand_motion(situation, beams, streams)
-    beams += sum(np.outer(s.is_on(count), s.shift_mm) for s in steps)
-    beams += noise_mm(covariance, streams.of("noise"))
-    wrong = _spoil(beams, situation, planned, streams)
-    readings = planned.joints.copy()
-    wrong |= _unassemble(readings, nominal, situation, planned, streams)
-    how: dict[str, Any] = {"approach": sides, "covariance_mm2": covariance}
-    shots = Shots.of(readings, beams, nominal, sets=planned.sets, pairs=planned.pairs, **how)
-    now = changed_robot(truth, [step for step in steps if step.end == count])
-    return Measured(now, shots, frozenset(wrong), tuple(steps))
-
-
-def _stand_motion(situation: Situation, beams: Array, streams: Streams) -> Array:
-    """Return the slow motion (N, 3) of points seen from a stand that does not stand still."""
-    time = np.linspace(0.0, 1.0, len(beams))[:, None]
-    steps = streams.of("walk").standard_normal(beams.shape) / math.sqrt(len(beams))
-    turned = np.cross(streams.direction("turn"), beams) / np.linalg.norm(TRACKER_MM)
-    moved = situation.size("drift") * time * streams.direction("drift")
-    moved = moved + situation.size("walk") * np.cumsum(steps, axis=0)
-    moved = moved + situation.size("turn") * time * turned
-    end = streams.direction("warm-up")
-    return np.asarray(moved + situation.size("warm-up") * (1.0 - np.exp(-4.0 * time)) * end)
-
-
-def _spoil(
-    beams: Array, situation: Situation, planned: PlannedShots, streams: Streams
-) -> set[int]:
-    """Put wrong shots beside where they are, and return their rows."""
-    wrong: set[int] = set()
-    for term in situation.of("wrong", "unseen"):
-        rng, is_fitted = streams.of(term.effect), term.effect == "wrong"
-        rows = planned.fitted if is_fitted else planned.rows("validation")
-        count = max(planned.scaled(term.count), 1) if is_fitted else term.count
-        spoiled = rng.choice(rows, count, replace=False)
-        ways = _directions(rng, len(spoiled))
-        beams[spoiled] += term.size * (ways[:1] if term.how == "same" else ways)
-        wrong.update(spoiled.tolist())
-    return wrong
-
-
-def _unassemble(
-    readings: Array,
-    nominal: RobotFile,
-    situation: Situation,
-    planned: PlannedShots,
-    streams: Streams,
-) -> set[int]:
-    """Replace readings of some shots by some at which the nominal robot has no pose."""
-    rng, low, high = streams.of("unassembled"), readings.min(axis=0), readings.max(axis=0)
-    count = int(situation.size("unassembled"))
-    rows = rng.choice(planned.fitted, count, replace=False)
-    for row in rows.tolist():
-        # twice as wide a range as the plan's has many such readings
-        while nominal.kinematics.forward(readings[row : row + 1]).is_solved[0]:
-            readings[row] = rng.uniform(1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low)
-    return set(rows.tolist())

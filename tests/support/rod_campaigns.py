@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.false_acceptance import ROD_SPACING_MM, settled_points
+from benchmarks.truths import ROD_SPACING_MM, settled_points
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.fit.rigid_transforms import fit_transform, from_paper_angles
 from campaigns.kinematics.transmission import approach_along
