@@ -164,11 +164,14 @@ def run(mechanism: str, cell: str, shots: int, seed: int, folder: Path) -> Outco
     start = time.process_time()
     try:
         result: Any = identify(measured.shots, nominal)
-    except CampaignError as error:
+    except Exception as error:  # noqa: BLE001 - a crash is an outcome, and the next cell is run
         seconds = time.process_time() - start
         return Outcome(**about, verdict=type(error).__name__, says=str(error), seconds=seconds)
     about["seconds"] = time.process_time() - start
-    about["real_um"] = position_error_um(nominal, measured.now, result)
+    try:
+        about["real_um"] = position_error_um(nominal, measured.now, result)
+    except (CampaignError, AssemblyLost):
+        about["real_um"] = math.inf
     return judged(measured, planned, result, about)
 
 
@@ -233,8 +236,10 @@ def named_rightly(step: TrueStep, findings: Iterable[Any], planned: PlannedShots
         numbers = finding.numbers
         if "part" not in numbers or not names_part(finding, step):
             continue
-        ends = np.searchsorted(fitted, [step.first, float(numbers["before_shot"])])
-        size, limit = float(numbers["size"]), float(numbers["U"])
+        first, size, limit = (
+            float(numbers.get(key, math.nan)) for key in ("before_shot", "size", "U")
+        )
+        ends = np.searchsorted(fitted, [step.first, first])
         off = abs(size - step.size)
         if step.is_of_place:
             # of a motion in space the largest share along an axis is named
@@ -300,7 +305,9 @@ def chosen(patterns: Sequence[str]) -> Iterator[str]:
         yield from listed or [pattern]
 
 
-def judge_checks(mechanism: str, shots: int, seed: int, folder: Path) -> dict[str, str]:
+def judge_checks(
+    mechanism: str, shots: int, seed: int, folder: Path, cells: Sequence[str] = CHECKS
+) -> dict[str, str]:
     """Identify a clean robot, and return what comes of a check by few shots in each situation.
 
     Empty if the identification did not pass.
@@ -319,7 +326,7 @@ def judge_checks(mechanism: str, shots: int, seed: int, folder: Path) -> dict[st
     few = PlannedShots(planned.joints[rows], planned.poses[rows], sets, pairs, CHECK_SHOTS)
     options = IdentificationOptions(tolerances=nominal.tolerances)
     came: dict[str, str] = {}
-    for words in CHECKS:
+    for words in cells:
         situation = Situation.parse(words)
         if not situation.suits(mechanism):
             continue
@@ -345,22 +352,39 @@ def check_label(outcome: Any, measured: Measured) -> str:
     return text
 
 
-def print_checks(mechanism: str, asked: argparse.Namespace) -> None:
-    """Print a line for each situation of a check."""
-    seeds = range(asked.seed, asked.seed + asked.campaigns)
-    jobs = (delayed(judge_checks)(mechanism, asked.shots[0], s, asked.plans) for s in seeds)
-    rows = [row for row in Parallel(asked.jobs)(jobs) if row]
-    print(f"{mechanism}: {len(rows)} of {asked.campaigns} campaigns passed and were checked")
-    for words in CHECKS:
-        counts = Counter(row[words] for row in rows if words in row)
-        if counts:
-            came = ", ".join(f"{text} {n}" for text, n in counts.most_common())
-            print(f"{mechanism:12} {words:44} {came}", flush=True)
+def print_cells(asked: argparse.Namespace, run_all: Parallel) -> Iterator[dict[str, Any]]:
+    """Print a line for each cell, and yield what came of its campaigns."""
+    print(HEADING, flush=True)
+    cells = [Situation.parse(cell) for cell in dict.fromkeys(chosen(asked.cells or KEY_CELLS))]
+    for mechanism, shots, cell in product(asked.mechanisms, asked.shots, cells):
+        if cell.suits(mechanism):
+            at = (mechanism, cell.name, shots)
+            outcomes = run_all(delayed(run)(*at, seed, asked.plans) for seed in asked.seeds)
+            print(line(outcomes), flush=True)
+            yield from map(asdict, outcomes)
+
+
+def print_checks(asked: argparse.Namespace, run_all: Parallel) -> Iterator[dict[str, Any]]:
+    """Print a line for each situation of a check, and yield what came of each robot's checks."""
+    cells = [*chosen(asked.cells or CHECKS)]
+    for mechanism, shots in product(asked.mechanisms, asked.shots):
+        at = (mechanism, shots)
+        jobs = (delayed(judge_checks)(*at, seed, asked.plans, cells) for seed in asked.seeds)
+        robots = run_all(jobs)
+        passed = [came for came in robots if came]
+        print(f"{mechanism} {shots}: {len(passed)} of {len(robots)} passed and were checked")
+        for words in cells:
+            counts = Counter(came[words] for came in passed if words in came)
+            if counts:
+                came = ", ".join(f"{text} {count}" for text, count in counts.most_common())
+                print(f"{mechanism:12} {words:43} {came}", flush=True)
+        for seed, of_robot in zip(asked.seeds, robots, strict=True):
+            yield {"mechanism": mechanism, "shots": shots, "seed": seed, "checks": of_robot}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--cells", nargs="+", default=KEY_CELLS, help="words or patterns")
+    parser.add_argument("--cells", nargs="+", help="words of situations, or patterns: 'wrong *'")
     parser.add_argument("--mechanisms", nargs="+", default=list(ROBOTS), choices=list(ROBOTS))
     parser.add_argument("--shots", nargs="+", type=int, default=[60], help="30, 60, 120")
     for option, default in (("campaigns", 4), ("seed", 1), ("jobs", 2)):
@@ -369,22 +393,12 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="file to which a line a campaign is added")
     parser.add_argument("--check", action="store_true", help="check robots instead")
     asked = parser.parse_args()
-    if asked.check:
-        for mechanism in asked.mechanisms:
-            print_checks(mechanism, asked)
-        return
-    cells = [Situation.parse(cell) for cell in dict.fromkeys(chosen(asked.cells))]
-    seeds = range(asked.seed, asked.seed + asked.campaigns)
-    print(HEADING, flush=True)
-    for mechanism, shots, cell in product(asked.mechanisms, asked.shots, cells):
-        if not cell.suits(mechanism):
-            continue
-        jobs = (delayed(run)(mechanism, cell.name, shots, seed, asked.plans) for seed in seeds)
-        outcomes = Parallel(asked.jobs)(jobs)
-        print(line(outcomes), flush=True)
+    asked.seeds = range(asked.seed, asked.seed + asked.campaigns)
+    show = print_checks if asked.check else print_cells
+    for outcome in show(asked, Parallel(asked.jobs)):
         if asked.json:
             with asked.json.open("a", encoding="utf-8") as file:
-                file.writelines(json.dumps(asdict(outcome)) + "\n" for outcome in outcomes)
+                file.write(json.dumps(outcome) + "\n")
 
 
 if __name__ == "__main__":

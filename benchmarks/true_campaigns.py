@@ -34,7 +34,6 @@ from campaigns.arrays import Array
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.robots.robot import RobotFile
 from pkmcal import Shots, find_robot, plan, sample_workspace
-from sim.errors import AssemblyLost
 from sim.geometry import LENGTHS, Kind
 from sim.robot.rods import rotation
 
@@ -100,16 +99,13 @@ def _workspace(mechanism: str) -> Array:
 def position_error_um(nominal: RobotFile, truth: TrueRobot, result: Any) -> float:
     """Return the rms error of poses that the identified robot is to take, in the best frame.
 
-    Infinite if the true robot cannot take one of them.
+    Raise `CampaignError` if the result is no robot, `AssemblyLost` if the true one cannot do it.
     """
     robot = nominal.of(nominal.mechanism, result.flat(), name="identified", limits=nominal.limits)
     poses = _workspace(nominal.mechanism.name)
     inverse = robot.kinematics.inverse(poses)
     poses, joints = poses[inverse.is_solved], inverse.values[inverse.is_solved]
-    try:
-        true = truth.points(joints, np.zeros(joints.shape), poses)
-    except AssemblyLost:
-        return math.inf
+    true = truth.points(joints, np.zeros(joints.shape), poses)
     left = fit_transform(poses[:, :3], true).apply(poses[:, :3]) - true
     return 1e3 * float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
 

@@ -85,6 +85,7 @@ def test_every_listed_situation_has_a_meaning():
     ]
 
 
+@pytest.mark.slow
 def test_campaigns_repeat_their_figures_and_wrong_shots_are_counted(tmp_path):
     first, again = (
         replace(benchmark.run("delta", "wrong 6 x 1.5", 30, 2, tmp_path), seconds=0.0)
