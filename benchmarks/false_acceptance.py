@@ -39,7 +39,8 @@ KINDS = (
     *(f"tilts {size}" for size in (0.5, 2.0)),
     *(f"backlash {size}" for size in (0.3, 1.0)),
     *(f"yield {size}" for size in (0.05, 0.2)),
-    *("small", "ripple", "encoder 0.05 from 30", "mount 0.3 from 30", "wrong 1 x 2"),
+    *(f"ripple {size}" for size in (0.17, 0.33, 1)),
+    *("small", "encoder 0.05 from 30", "mount 0.3 from 30", "wrong 1 x 2"),
 )
 WRONG_SIGMAS = 4.0
 
