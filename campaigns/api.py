@@ -155,7 +155,8 @@ def identify(
     arguments = {"free": free, "fix": fix, "prior": priors, "model": model}
     words |= {name: value for name, value in arguments.items() if value}
     wanted = options_of(IdentificationOptions, words)
-    return identify_shots(robot.kinematics, asked_shots(shots, wanted), wanted)
+    asked = asked_shots(shots, robot.mechanism.joints, wanted)
+    return identify_shots(robot.kinematics, asked, wanted)
 
 
 def correct_targets(poses: ArrayLike, identified: RobotFile, nominal: RobotFile) -> Array:

@@ -58,6 +58,7 @@ from campaigns.planning.plan_file import PlannedShot, plan_difference, plan_dige
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_journal
+from campaigns.shots.stops import by_stops
 from drivers.bounded_files import is_file
 from drivers.texts import quoted
 
@@ -80,6 +81,11 @@ class MeasuredSeries:
     def shots(self) -> Shots:
         """Accepted shots of the series."""
         return shots_of_journal(self.series.shots, self.mechanism)
+
+    @cached_property
+    def stops(self) -> Shots:
+        """Accepted shots of the series, the samples of each stop averaged."""
+        return by_stops(self.shots, self.mechanism.joints)
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,7 +366,7 @@ class Evaluation:
         """Return the figures of a stage's series; None without any."""
         instrument = self.evidence.campaign.instrument
         return validation.latest_of_each_test(
-            validation.evaluate_validation(item.shots, instrument, item.series.number)
+            validation.evaluate_validation(item.stops, instrument, item.series.number)
             for item in measured
         )
 
@@ -578,7 +584,7 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
     if evidence.run is None:
         return None
     identification, nominal = evidence.identification, evidence.campaign.robot.kinematics
-    shots = evidence.run.shots.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
+    shots = evidence.run.stops.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
     if identification is None:
         solution, after = nominal.forward(shots.joints), None
         rows = np.flatnonzero(solution.is_solved)
@@ -589,6 +595,8 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
         # The identification kept which shots it used and how: options may have moved shots
         # between the sets, or left them out. Its table counts, not the plan's purposes.
         table = identification.modelled
+        if not set(table.numbers) <= set(shots.numbers):  # of a version that averaged no samples
+            shots = evidence.run.shots
         rows_by_number = {number: row for row, number in enumerate(shots.numbers)}
         rows = np.array([rows_by_number[number] for number in table.numbers], dtype=np.intp)
         shots = replace(shots.rows(rows), purposes=table.purposes, pairs=table.pairs)

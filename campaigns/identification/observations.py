@@ -1,5 +1,7 @@
 """Observations of a fit: shots of a robot as arrays, with the noise of their points by part."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
@@ -8,9 +10,11 @@ from campaigns.fit.effects import Walk
 from campaigns.fit.error_model import ErrorModel, Observations
 from campaigns.fit.tracker_noise import covariance_by_direction_mm2
 from campaigns.identification.options import IdentificationOptions, matching, named_priors
+from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, between, held_out
+from campaigns.shots.stops import by_stops
 
 HOLD_OUT_SEED = 1
 """Seed of the pairs that are held out: the same for every identification of the same shots."""
@@ -133,7 +137,11 @@ def fitted_sessions(shots: Shots, assembles: Mask, options: IdentificationOption
     return np.unique(session[rows])
 
 
-def asked_shots(shots: Shots, options: IdentificationOptions) -> Shots:
-    """Return the shots within the requested range, a requested share of their pairs held out."""
-    rng = np.random.default_rng(HOLD_OUT_SEED)
-    return held_out(between(shots, *options.shots), options.hold_out, rng)
+def asked_shots(shots: Shots, axes: Sequence[Axis], options: IdentificationOptions) -> Shots:
+    """Return the stops within the requested range, a requested share of their pairs held out.
+
+    `axes` are the joints'; samples of one stop are averaged.
+    """
+    # Stops come first: a stop of which some samples were held out would confirm any model.
+    rng, stops = np.random.default_rng(HOLD_OUT_SEED), by_stops(shots, axes)
+    return held_out(between(stops, *options.shots), options.hold_out, rng)

@@ -26,6 +26,7 @@ from campaigns.robots.robot import pose_of
 from campaigns.shots.shot_sets import pair_rows
 from campaigns.shots.shots import IMPORTED, import_note, read_note, rows_of_shots, shots_of_journal
 from campaigns.shots.shots_csv import ShotRow, shots_text
+from campaigns.shots.stops import AVERAGED
 from campaigns.version import VERSION
 from drivers.bounded_files import CSV_BYTES, FileRefused, read_bounded
 
@@ -140,9 +141,10 @@ def append_import(
 
 def refuse_copies(rows: Sequence[ShotRow], journal: Iterable[Series], name: str) -> None:
     """Raise `ShotsInvalid` for a row of a pair that is a copy of another or of a journal's shot."""
-    # Two measurements never agree to the last digit in all joints and coordinates. A copy would
-    # count twice in the fit, and a hold-out pair that was fitted would confirm any model. Sets
-    # without pairs may repeat: they are visits of one place, and simulated ones may be equal.
+    # Measurements of two stops never agree to the last digit in all joints and coordinates. A copy
+    # would count twice in the fit, and a hold-out pair that was fitted would confirm any model.
+    # Samples of one stop may agree: they count once. Sets without pairs may repeat: they are visits
+    # of one place, and simulated ones may be equal.
     seen = {
         _as_in_files(shot.outcome.joints, shot.outcome.point_in_tracker_mm): (
             shot.intent.shot,
@@ -155,7 +157,8 @@ def refuse_copies(rows: Sequence[ShotRow], journal: Iterable[Series], name: str)
     for place, row in enumerate(rows):
         key = _as_in_files(row.joints, row.point_in_tracker_mm)
         shot, series = seen.get(key, (places.setdefault(key, place), None))
-        if row.purpose.in_pairs and (series or shot != place):
+        is_copy = bool(series) or not _are_samples(rows[shot : place + 1])
+        if row.purpose.in_pairs and is_copy:
             of = f" of series {series.number} ({series.started.stage})" if series else ""
             raise ShotsInvalid(
                 f"{name}: shot {place} is a copy of shot {shot}{of}: its joints and its point are "
@@ -163,6 +166,12 @@ def refuse_copies(rows: Sequence[ShotRow], journal: Iterable[Series], name: str)
                 remedy="leave it out: what was measured once counts once, and proves nothing of "
                 "itself" + ("; --force lets this file replace an earlier import" if of else ""),
             )
+
+
+def _are_samples(rows: Sequence[ShotRow]) -> bool:
+    """Return whether consecutive rows are samples of one stop, or a single row."""
+    stops = {(row.purpose, row.session, _as_in_files(row.joints, ())) for row in rows}
+    return len(rows) == 1 or (len(stops) == 1 and rows[0].purpose in AVERAGED)
 
 
 def _as_in_files(joints: Iterable[float], point_mm: Iterable[float]) -> tuple[float, ...]:

@@ -62,7 +62,8 @@ def identify(
         if not any(shot.intent.purpose == ShotSet.KNOWN_LENGTH.value for shot in measured):
             measured = (*measured, *campaign.known_length_shots(journal))
         shots = shots_of_journal(measured, robot.mechanism)
-        shots = asked_shots(with_readings(shots, campaign.config.part_temperatures), options)
+        shots = with_readings(shots, campaign.config.part_temperatures)
+        shots = asked_shots(shots, robot.mechanism.joints, options)
         started_s = time.perf_counter()
         result = identify_shots(robot.kinematics, shots, fit_options)
         recorded = RecordedIdentification.of(

@@ -35,6 +35,7 @@ from campaigns.shots.import_export import ImportedFile, ImportedSeries, append_i
 from campaigns.shots.point_words import LengthUnit
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, time_order
+from campaigns.shots.stops import averaged_in_words
 from campaigns.workflow import validation
 from campaigns.workflow.work import all_series, known_sets
 from drivers.bounded_files import is_there
@@ -255,7 +256,8 @@ def _check(
 ) -> None:
     """Raise `ShotsInvalid`, naming file and cause, for copies and for shots of another robot.
 
-    `replacing` are stages whose imports the shots take the place of.
+    Report rows that are samples of fewer stops. `replacing` are stages whose imports the shots
+    take the place of.
     """
     # A shot that counts twice would prove itself. Shots that no longer count may come again: those
     # of imports that broke off, and those that this import replaces.
@@ -269,6 +271,8 @@ def _check(
     refuse_copies(rows, counting, name)
     nominal = campaign.robot.kinematics
     shots = shots_of_rows(rows, nominal)
+    if averaged := averaged_in_words(shots, nominal.mechanism.joints):
+        terms.tell(f"{name}: {averaged}")
     shots = shots.rows(np.flatnonzero([bool(row.joints) and row.purpose.on_robot for row in rows]))
     numbers = np.unique(shots.session).tolist()
     # The tracker's place distinguishes the arms of a symmetrical robot. It is left out where

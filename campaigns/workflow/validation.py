@@ -39,6 +39,7 @@ from campaigns.planning.validation_plan import Correct, Reachable, validation_st
 from campaigns.robots.robot import RobotFile, pose_row
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
+from campaigns.shots.stops import by_stops
 from campaigns.workflow.correction import identified_set
 from campaigns.workflow.identification import identification_options
 from campaigns.workflow.running import known_shots
@@ -356,7 +357,8 @@ def _evaluated(
     campaign: Campaign, journal: JournalReader, series: int
 ) -> validation.ValidationResult:
     """Return the figures of a series' accepted shots."""
-    shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
+    mechanism = campaign.robot.mechanism
+    shots = by_stops(shots_of_journal(journal.shots(series), mechanism), mechanism.joints)
     return validation.evaluate_validation(shots, campaign.instrument, series)
 
 

@@ -125,6 +125,17 @@ def test_which_of_two_sets_of_coordinates_counts_is_asked(pkmcal, folder, monkey
     assert len(imported(folder)[-1].shots) == 12
 
 
+def test_samples_are_imported_as_they_are_and_reported_as_stops(pkmcal, folder, tmp_path):
+    samples = np.repeat(table(folder), 4, axis=0)
+    samples[:, 3:] += 0.004 * np.random.default_rng(2).normal(size=(48, 3))
+    ended = pkmcal("import", folder, write_shots(tmp_path / "shots.csv", samples))
+    assert ended.code == 0, ended.err
+    assert "shots.csv: 48 rows are 12 stops: consecutive rows at equal joints are" in ended.err
+    assert len(imported(folder)[-1].shots) == 48, "the journal keeps all of them"
+    once = pkmcal("import", folder, write_shots(tmp_path / "shots.csv", table(folder)), "--force")
+    assert "stops" not in once.err
+
+
 def test_column_session_makes_stations_of_the_tracker(pkmcal, folder, tmp_path):
     rows = table(folder)
     rows[6:, 3:] += 500.0

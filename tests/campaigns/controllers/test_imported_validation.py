@@ -174,6 +174,28 @@ def test_what_was_measured_before_is_replaced_only_with_consent(
     assert len(evaluation.before.distances.pairs) == len(pairs) // 2 - 1
 
 
+def test_samples_of_the_stops_of_a_validation_are_averaged(
+    paper: PaperCampaign, identified: Kinematics
+) -> None:
+    """Figures of raw samples are those of their means, and the report has the same."""
+    stops = rows(paper, identified)
+    noise = np.random.default_rng(3).normal(0.0, NOISE_MM, (len(stops), 5, 3))
+    points = np.array([row.point_in_tracker_mm for row in stops])[:, None] + noise
+    each = [
+        (row, point)
+        for row, of_stop in zip(stops, points.tolist(), strict=True)
+        for point in of_stop
+    ]
+    samples = [
+        replace(row, pair=place // 2, point_in_tracker_mm=tuple(point))
+        for place, (row, point) in enumerate(each)
+    ]
+    done = imported(paper, "after", samples)
+    mean = np.linalg.norm(np.diff(points.mean(axis=1).reshape(-1, 2, 3), axis=1)[:, 0], axis=1)
+    assert sorted(done.result.distances.measured_mm) == pytest.approx(sorted(mean))
+    assert done.evaluation.after.distances.mean == done.result.distances.mean
+
+
 def test_what_was_measured_once_proves_nothing_of_itself(paper: PaperCampaign) -> None:
     with paper.campaign.journal_reader() as journal:
         kept, _ = exported_shots(
