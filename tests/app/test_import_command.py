@@ -6,6 +6,8 @@ from command_line import Keyboard
 
 from app.new_campaign import create_for_devices
 from campaigns.campaign import open_campaign
+from campaigns.evidence import evaluate
+from campaigns.identification import observations
 from campaigns.journal.views import Series
 from campaigns.workflow.programs import joints_path
 
@@ -134,6 +136,23 @@ def test_samples_are_imported_as_they_are_and_reported_as_stops(pkmcal, folder, 
     assert len(imported(folder)[-1].shots) == 48, "the journal keeps all of them"
     once = pkmcal("import", folder, write_shots(tmp_path / "shots.csv", table(folder)), "--force")
     assert "stops" not in once.err
+
+
+@pytest.mark.slow
+def test_samples_that_an_older_version_fitted_one_by_one_are_reported_as_they_were_fitted(
+    pkmcal, folder, tmp_path, monkeypatch
+):
+    samples = np.repeat(table(folder), 2, axis=0)
+    samples[:, 3:] += 0.004 * np.random.default_rng(2).normal(size=(24, 3))
+    pkmcal("import", folder, write_shots(tmp_path / "shots.csv", samples))
+
+    def fitted():
+        pkmcal("identify", folder)
+        return len(evaluate(open_campaign(folder)).errors.positions.before_mm)
+
+    assert fitted() == 12
+    monkeypatch.setattr(observations, "by_stops", lambda shots, axes: shots)
+    assert fitted() == 24
 
 
 def test_column_session_makes_stations_of_the_tracker(pkmcal, folder, tmp_path):
