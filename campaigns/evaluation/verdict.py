@@ -27,10 +27,11 @@ from campaigns.robots.reduced_form import ReducedForm
 from campaigns.settings.sections import AcceptanceConfig
 
 RULE = (
-    "Decision rule (ISO 14253-1): a limit is met if |e| + U ≤ limit, not met if |e| − U > limit; "
-    "otherwise no decision is made. U = 2 u is the expanded measurement uncertainty (k = 2, about "
-    "95 %). The overall verdict is pass only if the identification passed, every specified limit "
-    "is met, all files match and no later check has failed."
+    "Decision rule (JCGM 106:2012, guarded acceptance and guarded rejection, guard band w = U): a "
+    "limit is met if |e| + U ≤ limit, not met if |e| − U > limit; otherwise no decision is made. "
+    "U = k u is the expanded uncertainty (about 95 %), k = 2 and more for few repeats and for the "
+    "largest of several errors. The overall verdict is pass only if the identification passed, "
+    "every specified limit is met, all files match and no later check has failed."
 )
 HEADLINES: Mapping[Verdict, str] = {
     "pass": "All specified limits are met, measurement uncertainty included.",

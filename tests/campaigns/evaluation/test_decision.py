@@ -2,11 +2,21 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.evaluation.decision import Requirement, decide, decide_all
+from campaigns.evaluation.decision import (
+    Requirement,
+    allows_decision,
+    chance_of_larger,
+    coverage_factor,
+    decide,
+    decide_all,
+    decide_change,
+    effective_dof,
+)
 
 SIZES = st.floats(0.0, 1e6, allow_nan=False)
 
@@ -61,3 +71,48 @@ def test_requirement_needs_a_limit_and_a_measurement() -> None:
     assert Requirement("rotation", 0.4, None, 0.05).decision is None
     assert Requirement("rotation", None, 0.5).decision == "not decided"
     assert Requirement("rotation", None, 0.5).expanded_uncertainty is None
+
+
+def test_coverage_grows_with_few_repeats_and_with_the_number_of_errors() -> None:
+    assert coverage_factor() == 2.0
+    assert coverage_factor(1e9) == pytest.approx(2.0)
+    assert coverage_factor(4) == pytest.approx(2.87, abs=0.01)  # GUM, table G.2, for 95.45 %
+    assert coverage_factor(10) == pytest.approx(2.28, abs=0.01)
+    assert coverage_factor(count=20) == pytest.approx(3.05, abs=0.01)
+    assert decide(0.4, 0.05, 0.5) == "pass"
+    assert decide(0.4, 0.05, 0.5, dof=4) == decide(0.4, 0.05, 0.5, count=20) == "not decided"
+    assert Requirement("", 0.4, 0.5, 0.05, count=20).decision == "not decided"
+    for wrong in ((0.5, 1), (math.nan, 1), (math.inf, 0)):
+        with pytest.raises(ValueError):
+            coverage_factor(*wrong)
+
+
+def test_a_difference_counts_only_beyond_its_uncertainty() -> None:
+    assert decide_change(0.101, 0.05) == "larger"
+    assert decide_change(-0.101, 0.05) == "smaller"
+    assert decide_change(0.099, 0.05) == decide_change(-0.099, 0.05) == "no change shown"
+    assert decide_change(0.101, 0.05, dof=10) == "no change shown"
+
+
+def test_a_scatter_estimated_from_few_shots_raises_no_more_alarms_than_stated() -> None:
+    """20 pairs over a scatter of 20 degrees of freedom: χ² raises more than five times as many."""
+    rng, level = np.random.default_rng(3), 0.01
+    variance = rng.chisquare(20, 4000) / 20
+    chi2 = (rng.normal(size=(4000, 20)) ** 2).sum(axis=1) / variance
+    by_f = np.mean([chance_of_larger(value, 20, 20) < level for value in chi2])
+    by_chi2 = np.mean([chance_of_larger(value, 20) < level for value in chi2])
+    assert by_f == pytest.approx(level, abs=0.005)
+    assert by_chi2 > 5 * level
+    assert effective_dof(2.0, 1.0, 20) == 80.0  # half of the variance is known
+    assert math.isinf(effective_dof(1.0, 0.0, 20))
+
+
+def test_positions_known_worse_than_the_limit_or_the_error_before_decide_nothing() -> None:
+    limits = {"mean": 0.3, "max": 0.8}
+    assert allows_decision(0.149, limits, None) is None
+    assert "limit of the mean error, 0.3 mm" in (allows_decision(0.151, limits, None) or "")
+    assert "error before, 1.5 mm" in (allows_decision(4.9, {}, 1.5) or "")
+    assert allows_decision(0.74, {}, 1.5) is None
+    assert allows_decision(4.9, {"mean": 20.0}, 1.5) is None  # limits decide where there are any
+    assert allows_decision(4.9, {}, None) is None
+    assert allows_decision(math.nan, {}, 1.5) == "σ of positions is unknown"
