@@ -32,6 +32,7 @@ from campaigns.controllers.export import PLAIN, WrittenSet, written_sets
 from campaigns.controllers.load_journal import Load, load_history, read_load
 from campaigns.errors import CampaignError, FindingUnreadable
 from campaigns.evaluation import model_errors, validation
+from campaigns.evaluation.robot_scatter import RobotScatter
 from campaigns.evaluation.simulated_devices import simulated_devices
 from campaigns.evaluation.time_series import TimeSeries, time_series
 from campaigns.evaluation.verdict import (
@@ -273,6 +274,7 @@ class Evaluation:
         evidence: Everything read from the campaign's folder.
         before: Figures of the validation before calibration, mm, with their uncertainties.
         after: Figures of the validation after calibration.
+        scatter: The robot's scatter, which is in the uncertainties of both.
         gains: Each figure before and after.
         errors: Errors of the nominal and the identified model at the measured shots, mm.
         checks: Statements on whether plan, journal, files and controller belong together.
@@ -281,6 +283,18 @@ class Evaluation:
     """
 
     evidence: Evidence
+
+    @cached_property
+    def scatter(self) -> RobotScatter:
+        """Scatter of the robot: by the identification, else by the latest repeated visits."""
+        robot, identification = self.evidence.campaign.robot, self.evidence.identification
+        if identification is not None and (scatter := identification.scatter) is not None:
+            fitted = identification.fitted
+            shots = len(fitted.numbers) if fitted is not None else identification.shots
+            return RobotScatter.identified(scatter.point_mm, scatter.joint, shots, robot.kinematics)
+        measured = (*self.evidence.before, *self.evidence.after)
+        by_visits = (validation.scatter_of_visits(item.shots) for item in reversed(measured))
+        return next((scatter for scatter in by_visits if scatter.is_known), RobotScatter())
 
     @cached_property
     def before(self) -> validation.ValidationResult | None:
@@ -366,7 +380,7 @@ class Evaluation:
         """Return the figures of a stage's series; None without any."""
         instrument = self.evidence.campaign.instrument
         return validation.latest_of_each_test(
-            validation.evaluate_validation(item.stops, instrument, item.series.number)
+            validation.evaluate_validation(item.stops, instrument, item.series.number, self.scatter)
             for item in measured
         )
 

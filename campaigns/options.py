@@ -195,7 +195,7 @@ class LoadOptions:
     verify: Annotated[
         int,
         Option(
-            "Measure N validation pairs before and after; roll back if they become worse.",
+            "Measure N validation pairs before and after; roll back if they are worse beyond U.",
             metavar="N",
             least=0,
             default="none",

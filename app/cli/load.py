@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from app.console import GOOD, Terminal
+from app.console import GOOD, WARNING, Terminal
 from app.interrupt import StopRequest, asking, stop_on_signals, suspend
 from app.measuring import wants_to_go_on
 from app.next import tell_next
@@ -154,10 +154,13 @@ def _show_outcome(terminal: Terminal, done: LoadResult) -> None:
         terminal.say(f"loaded and verified: {done.source}", GOOD)
         terminal.say(f"the previous parameters: {done.kept}")
     if verification is not None:
+        is_better = verification.change == "smaller"
+        kept = "" if is_better else "; no change shown: the new parameters are kept"
         terminal.say(
             f"distances of {verification.pairs} pairs are off by {verification.after_mm:.3f} mm on "
-            f"average, before it was {verification.before_mm:.3f} mm",
-            GOOD,
+            f"average, before it was {verification.before_mm:.3f} mm (U of the difference: "
+            f"{verification.expanded_mm:.3f} mm){kept}",
+            GOOD if is_better else WARNING,
         )
     if done.state is not None:
         terminal.say(f"the controller holds {done.state.says}")

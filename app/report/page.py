@@ -93,7 +93,7 @@ def page_of(evaluation: Evaluation, made_utc: str) -> Page:
         verdict=evaluation.verdict,
         key_figures=tables.key_figure_rows(evaluation),
         next_step=f"{before}`{step.text}`" if step else "",
-        rule=RULE,
+        rule=f"{RULE} {_uncertainty(evaluation)}".strip(),
         traceability=record.traceability(evidence),
         generator=generator,
         missing=missing,
@@ -103,6 +103,13 @@ def page_of(evaluation: Evaluation, made_utc: str) -> Page:
     blocks = [block for section in sections for block in section.blocks]
     figures = tuple(block.name for block in blocks if block.form == "figure")
     return Page(evaluation, missing, figures, html)
+
+
+def _uncertainty(evaluation: Evaluation) -> str:
+    """Return what the U of the commanded robot's figures contains; empty without figures."""
+    if evaluation.before is None and evaluation.after is None:
+        return ""
+    return f"{evaluation.scatter.says}."
 
 
 def _alarms(evaluation: Evaluation) -> Iterator[str]:

@@ -13,8 +13,9 @@ from typing import Literal
 from campaigns.arrays import Array
 from campaigns.evaluation.decision import COVERAGE, Requirement
 from campaigns.evaluation.iso_figures import IsoRow
+from campaigns.evaluation.measured_lengths import MeasuredLength
 from campaigns.evaluation.summary import ErrorSummary, summary
-from campaigns.evaluation.validation import MeasuredLength, RepeatabilityTest
+from campaigns.evaluation.validation import RepeatabilityTest
 from campaigns.evaluation.verdict import NO_CHANGE, Gain
 from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, Row, number, words

@@ -95,6 +95,7 @@ def validation_answer(validated: Validated) -> dict[str, object]:
         "series": dict(validated.stage_result.series),
         "decision": verdict.decision,
         "reasons": verdict.reasons,
+        "scatter": validated.stage_result.scatter.says,
         "held": validated.evaluation.evidence.held(validated.stage),
         "campaign": None,  # before calibration
         "requirements": requirements,
@@ -127,7 +128,8 @@ def _show(terminal: Terminal, validated: Validated) -> None:
         # a terminal of 80 columns has no room for the stage, the poses' places and n
         shown = [column for column in tables.CUBE[1:] if column.head not in (*AXES, "n")]
         terminal.rows("ISO 9283, pose by pose (mm)", shown, cube_poses(**{stage: result}))
-        terminal.say(f"AP: {cube_frame(result)}; U: k = 2")
+        terminal.say(f"AP: {cube_frame(result)}")
+    terminal.say(result.scatter.says)
     _show_series(terminal, stage, result)
     held = validated.evaluation.evidence.held(stage)
     if held is not None and (held.form or held.declared or held.kind == "other"):

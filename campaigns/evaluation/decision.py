@@ -29,7 +29,7 @@ NO_LIMIT: Literal["no limits specified"] = "no limits specified"
 Verdict = Literal["pass", "fail", "not decided", "no limits specified"]
 """Decision on a stage or a campaign; the last where nothing but a limit is lacking."""
 
-Change = Literal["smaller", "larger", "no change shown"]
+FigureChange = Literal["smaller", "larger", "no change shown"]
 """Difference of two measured figures, second against first."""
 
 COVERAGE = 2.0
@@ -110,7 +110,9 @@ def effective_dof(variance: float, estimated_variance: float, dof: float) -> flo
 
     The other part counts as known (Welch and Satterthwaite, GUM G.4.1).
     """
-    return dof * (variance / estimated_variance) ** 2 if estimated_variance > 0.0 else math.inf
+    if estimated_variance == 0.0:
+        return math.inf
+    return dof * max(variance / estimated_variance, 1.0) ** 2  # rounding may take it below 1
 
 
 def decide(
@@ -137,7 +139,7 @@ def decide(
 
 def decide_change(
     difference: float, standard_uncertainty: float, dof: float = math.inf, count: int = 1
-) -> Change:
+) -> FigureChange:
     """Decide whether a figure became larger or smaller: only a difference beyond its U counts.
 
     Parameters and errors are those of `decide`; `difference` is second minus first.

@@ -6,12 +6,8 @@ therefore says how it was tested here, and what the standard asks for.
 
 from dataclasses import dataclass
 
-from campaigns.evaluation.validation import (
-    CUBE_FIGURES,
-    MeasuredLength,
-    RepeatabilityTest,
-    ValidationResult,
-)
+from campaigns.evaluation.measured_lengths import MeasuredLength
+from campaigns.evaluation.validation import CUBE_FIGURES, RepeatabilityTest, ValidationResult
 
 NO_FRAME = "not formed: too few commanded points for a base frame"
 FIVE_POSES = "30 visits from one direction to each of five poses"

@@ -1,11 +1,14 @@
 """Summaries of errors: how large a set of them is."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from campaigns.arrays import Array
+from campaigns.evaluation.decision import Requirement, decide, decide_all
+from campaigns.evaluation.measured_lengths import MeasuredLength, largest_of, unsigned_excess_mm
 
 PERCENT = 95.0
 
@@ -81,7 +84,34 @@ def _sizes(errors_mm: Array) -> Array:
     )
 
 
+def distance_requirements(
+    errors_mm: Array, covariance_mm2: Array, limits_mm: Mapping[str, float], dof: float = math.inf
+) -> tuple[Requirement, ...]:
+    """Return a requirement for each limit, "mean" and "max", of errors of distances (M,).
+
+    `covariance_mm2` is that of the errors, (M, M): parameters and points that pairs have in common
+    included. `dof` are its degrees of freedom.
+    """
+    # The mean of |e| changes with each error by ± 1/M, and the sign of a small error is not known:
+    # by the absolute covariances its variance holds for any signs. Noise also enlarges the sizes of
+    # small errors, which averaging does not reduce.
+    size_mm, std_mm, count = np.abs(errors_mm), np.sqrt(np.diag(covariance_mm2)), len(errors_mm)
+    of_mean_mm = math.sqrt(float(np.abs(covariance_mm2).sum())) / count
+    of_mean_mm = math.hypot(of_mean_mm, unsigned_excess_mm(errors_mm, std_mm))
+    figures = {
+        "mean": MeasuredLength(float(size_mm.mean()), 0.0, of_mean_mm, dof),
+        "max": largest_of(size_mm, np.zeros(count), std_mm, dof, count),
+    }
+    return tuple(
+        figures[name].requirement(f"{name} error", limit) for name, limit in limits_mm.items()
+    )
+
+
 def limits_met(after: Spread, limits_mm: Mapping[str, float]) -> bool:
-    """Return whether there are acceptance limits of distances and all of them are met."""
-    reached = {"mean": after.mean_abs, "max": after.max_abs}
-    return bool(limits_mm) and all(reached[name] <= limit for name, limit in limits_mm.items())
+    """Return whether there are acceptance limits of distances and all of them are met.
+
+    Sizes alone carry no covariance, so U is not in it: `distance_requirements` decides with U.
+    """
+    sizes_mm = {"mean": after.mean_abs, "max": after.max_abs}
+    decisions = [decide(sizes_mm[name], 0.0, limit) for name, limit in limits_mm.items()]
+    return decide_all(decisions) == "pass"

@@ -10,11 +10,13 @@ AP and RP of ISO 9283:
 - repeatability: the sphere about the visits to one pose;
 - the cube of ISO 9283: five poses, each visited from one direction.
 
-Each figure has a standard uncertainty: the instrument's, along the figure's own error. No model of
-the robot is used. Vectors are in the base frame as fitted to the commanded points (paper eq. 25),
-or, with too few points, in the tracker's axes.
+Each figure has a standard uncertainty along its own error: the instrument's, and that of the
+robot's scatter, since limits and comparisons are about the robot and not about one visit. Beside
+that no model of the robot is used. Vectors are in the base frame as fitted to the commanded points
+(paper eq. 25), or, with too few points, in the tracker's axes.
 """
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
@@ -22,8 +24,16 @@ import numpy as np
 from pydantic import JsonValue
 
 from campaigns.arrays import AXES, Array, Index
-from campaigns.evaluation.decision import COVERAGE
+from campaigns.evaluation.measured_lengths import (
+    MeasuredLength,
+    PointNoise,
+    largest_length,
+    largest_of,
+    unsigned_excess_mm,
+)
+from campaigns.evaluation.robot_scatter import RobotScatter
 from campaigns.fit import rigid_transforms
+from campaigns.fit.error_sources import SCATTER_TOLERANCE_MM
 from campaigns.fit.rigid_transforms import away_from_mean, length_with_std
 from campaigns.fit.tracker_noise import TrackerUncertainty, common_distance_variance_mm2
 from campaigns.shots.shot_sets import PairRows, ShotSet
@@ -53,24 +63,6 @@ OUTERMOST_SCATTER = 0.5
 """Standard deviation of the outermost of many visits' distances, over that of a coordinate."""
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredLength:
-    """Length, and the instrument's standard uncertainty in the direction in which it lies."""
-
-    value_mm: float
-    standard_uncertainty_mm: float
-
-    @property
-    def expanded_uncertainty_mm(self) -> float:
-        """U, k = 2."""
-        return COVERAGE * self.standard_uncertainty_mm
-
-    def with_scatter(self, scatter_mm: float) -> "MeasuredLength":
-        """Return the length with a scatter in its uncertainty beside the instrument's."""
-        together = float(np.hypot(self.standard_uncertainty_mm, scatter_mm))
-        return MeasuredLength(self.value_mm, together)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class DistanceTest:
     """Pairs whose distance was commanded and measured, (M,) each."""
@@ -78,7 +70,12 @@ class DistanceTest:
     pairs: tuple[int, ...]
     commanded_mm: Array
     measured_mm: Array
-    standard_uncertainty_mm: Array
+    instrument_mm: Array
+    """1 σ by the instrument."""
+    robot_mm: Array
+    """1 σ by the robot's scatter."""
+    dof: float = math.inf
+    """Degrees of freedom of the robot's scatter."""
 
     @property
     def errors_mm(self) -> Array:
@@ -89,18 +86,37 @@ class DistanceTest:
     def mean(self) -> MeasuredLength:
         """Mean error without signs.
 
-        Its uncertainty is not reduced by averaging: an instrument's errors at points near each
-        other are alike.
+        The robot's scatter is reduced by averaging. The instrument's uncertainty is not: its errors
+        at points near each other are alike.
         """
-        size = np.abs(self.errors_mm)
-        return MeasuredLength(float(size.mean()), float(self.standard_uncertainty_mm.mean()))
+        errors_mm = self.errors_mm
+        instrument_mm = float(self.instrument_mm.mean())
+        instrument_mm = math.hypot(instrument_mm, unsigned_excess_mm(errors_mm, self.robot_mm))
+        return self._mean(instrument_mm)
+
+    @property
+    def comparable_mean(self) -> MeasuredLength:
+        """Mean error without signs, in a comparison with another validation of the same pairs.
+
+        An error of the instrument that all distances share is the same in both, so averaging is
+        credited to the instrument too.
+        """
+        return self._mean(_std_of_mean(self.instrument_mm))
+
+    def _mean(self, instrument_mm: float) -> MeasuredLength:
+        value_mm = float(np.abs(self.errors_mm).mean())
+        return MeasuredLength(value_mm, instrument_mm, _std_of_mean(self.robot_mm), self.dof)
 
     @property
     def largest(self) -> MeasuredLength:
         """Largest error without sign."""
-        size = np.abs(self.errors_mm)
-        worst = int(np.argmax(size))
-        return MeasuredLength(float(size[worst]), float(self.standard_uncertainty_mm[worst]))
+        size_mm, count = np.abs(self.errors_mm), len(self.pairs)
+        return largest_of(size_mm, self.instrument_mm, self.robot_mm, self.dof, count)
+
+    def with_scatter(self, scatter_mm: float) -> "DistanceTest":
+        """Return the test with another scatter of the robot's points, known as a bound."""
+        of_pairs = np.full(len(self.pairs), math.sqrt(2.0) * scatter_mm)
+        return replace(self, robot_mm=of_pairs, dof=math.inf)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,8 +186,8 @@ class RepeatabilityTest:
         if not self.in_base:
             return None
         of_mean = self._scatter_of_mean_mm(away / length) if length > 0.0 else 0.0
-        instrument = MeasuredLength(*length_with_std(away, self.instrument_mm2))
-        return instrument.with_scatter(of_mean)
+        _, instrument_mm = length_with_std(away, self.instrument_mm2)
+        return MeasuredLength(length, instrument_mm, of_mean, len(self.points_mm) - 1)
 
     @property
     def components(self) -> tuple[MeasuredLength, ...] | None:
@@ -180,7 +196,7 @@ class RepeatabilityTest:
         instrument_mm = np.sqrt(np.diag(self.instrument_mm2))
         axes = zip(away.tolist(), instrument_mm.tolist(), np.eye(3), strict=True)
         lengths = tuple(
-            MeasuredLength(mm, std_mm).with_scatter(self._scatter_of_mean_mm(axis))
+            MeasuredLength(mm, std_mm, self._scatter_of_mean_mm(axis), len(self.points_mm) - 1)
             for mm, std_mm, axis in axes
         )
         return lengths if self.in_base else None
@@ -214,6 +230,8 @@ class ValidationResult:
     repeatability: RepeatabilityTest | None
     cube: tuple[RepeatabilityTest, ...] = ()
     """Visits from one direction to each of ISO 9283's poses, P1 first."""
+    scatter: RobotScatter = field(default_factory=RobotScatter)
+    """Scatter of the robot that is in the uncertainties."""
     series: Mapping[str, int] = field(default_factory=dict)
     """Series in which each test was made, by the test's name."""
 
@@ -226,6 +244,7 @@ class ValidationResult:
             self.lines or older.lines,
             self.repeatability or older.repeatability,
             self.cube or older.cube,
+            self.scatter if self.scatter.is_known else older.scatter,
             {**older.series, **self.series},
         )
 
@@ -261,36 +280,26 @@ class ValidationResult:
         """Largest AP and RP of the poses, each chosen with its U; None where not measured."""
         # The worst by value + U, since the limit is compared with that sum. AP and RP may be worst
         # at different poses.
-        accuracy = max(filter(None, [p.accuracy for p in self.cube]), key=_upper_mm, default=None)
-        return accuracy, max([p.rp for p in self.cube], key=_upper_mm, default=None)
+        return _worst(pose.accuracy for pose in self.cube), _worst(pose.rp for pose in self.cube)
 
     def comparable_figures(self) -> dict[str, MeasuredLength | None]:
         """Return the figures with their uncertainty in a comparison with another validation.
 
-        The robot's own scatter, known from repeated visits, is added to the instrument's
-        uncertainty. The uncertainty of the mean error of N distances is divided by √N: an error of
-        the instrument that all distances share is the same in both validations.
+        If the robot's scatter is unknown, it counts with the largest that a robot may have. The
+        uncertainty of the mean error of N distances is divided by √N.
         """
-        # A distance and a motion are between two points, straightness is of one; AP and RP contain
-        # their own scatter.
-        of_point_mm = self.repeatability.scatter_mm if self.repeatability else 0.0
-        of_two_points_mm = float(np.sqrt(2.0)) * of_point_mm
-        scatter_mm = {
-            "distances, mean error": of_two_points_mm,
-            "distances, largest error": of_two_points_mm,
-            "rotation": of_two_points_mm,
-            "repeatability, radius of the sphere": OUTERMOST_SCATTER * of_point_mm,
-            **dict.fromkeys(CUBE_FIGURES, 0.0),
-        }
-        lengths = {
-            name: length and length.with_scatter(scatter_mm.get(name, of_point_mm))
-            for name, length in self.figures().items()
-        }
-        mean = lengths["distances, mean error"]
-        if self.distances is not None and mean is not None:
-            of_mean_mm = mean.standard_uncertainty_mm / float(np.sqrt(len(self.distances.pairs)))
-            lengths["distances, mean error"] = MeasuredLength(mean.value_mm, of_mean_mm)
-        return lengths
+        figures, distances = self.figures(), self.distances
+        if not self.scatter.is_known:
+            of_point, of_two = SCATTER_TOLERANCE_MM, math.sqrt(2.0) * SCATTER_TOLERANCE_MM
+            bounds = {f"straightness along {axis}": of_point for axis in AXES}
+            for name, bound_mm in (bounds | {"rotation": of_two}).items():
+                length = figures[name]
+                figures[name] = length and length.with_scatter(bound_mm)
+            distances = distances and distances.with_scatter(of_point)
+        if distances is not None:
+            figures["distances, mean error"] = distances.comparable_mean
+            figures["distances, largest error"] = distances.largest
+        return figures
 
     def further_figures_mm(self) -> dict[str, float | None]:
         """Return the further figures, for which there are no limits."""
@@ -345,19 +354,24 @@ def _absolute(away_mm: Array) -> dict[str, JsonValue]:
 
 
 def evaluate_validation(
-    shots: Shots, instrument: TrackerUncertainty, series: int = 0
+    shots: Shots,
+    instrument: TrackerUncertainty,
+    series: int = 0,
+    scatter: RobotScatter | None = None,
 ) -> ValidationResult:
     """Return the result of the accepted shots of a validation series.
 
-    `instrument` stands in for shots without a stated uncertainty. The frame is fitted to the pairs,
-    or to all shots where there are too few pairs.
+    `instrument` stands in for shots without a stated uncertainty. `scatter` is the robot's, by
+    default that of repeated visits among the shots. The frame is fitted to the pairs, or to all
+    shots where there are too few pairs.
     """
-    # 1. Covariance of each point, and the part of a pair's variance by errors that all shots have
+    # 1. Covariances of each point, and the part of a pair's variance by errors that all shots have
     #    in common (scale, axes): that part needs the points as the tracker saw them.
     # 2. Bring points and covariances into the base frame, if it can be fitted. The pairs are spread
     #    over the workspace; lines and repeated poses would pull the frame towards their few places.
     commanded, points = shots.commanded, shots.points_in_tracker_mm
     covariance, pairs = shots.covariance_mm2(instrument), shots.rows_of(ShotSet.VALIDATION)
+    scatter = scatter_of_visits(shots) if scatter is None else scatter
     whole = shots.whole_pairs(ShotSet.VALIDATION)
     common = common_distance_variance_mm2(points, instrument, *whole.rows.T)
     of_pairs = rigid_transforms.fitted_frame(points[pairs], commanded[pairs, :3])
@@ -365,24 +379,40 @@ def evaluate_validation(
     if frame is not None:
         points = frame.apply(points)
         covariance = frame.rotation @ covariance @ frame.rotation.T
+    of_robot = scatter.covariance_mm2(shots)
+    if frame is None:  # axes of the base are unknown: the worst direction stands for all
+        of_robot = np.linalg.eigvalsh(of_robot)[:, -1, None, None] * np.eye(3)
+    noise = PointNoise(covariance, of_robot, scatter.dof)
 
-    def of(purpose: ShotSet) -> tuple[Array, Array, Array]:
-        rows = shots.rows_of(purpose)
-        return commanded[rows], points[rows], covariance[rows]
-
+    rotation, lines, repeated, cube = map(
+        shots.rows_of,
+        (ShotSet.ROTATION, ShotSet.STRAIGHTNESS, ShotSet.REPEATABILITY, ShotSet.ISO_CUBE),
+    )
     in_base = frame is not None
     absolute_mm = np.asarray(np.linalg.norm(points[pairs] - commanded[pairs, :3], axis=1))
     result = ValidationResult(
-        distance_test(whole, commanded, points, covariance, common),
+        distance_test(whole, commanded, points, noise, common),
         absolute_mm if in_base and len(pairs) else None,
-        rotation_test(*of(ShotSet.ROTATION)),
-        line_tests(*of(ShotSet.STRAIGHTNESS)),
-        repeatability_test(*of(ShotSet.REPEATABILITY), in_base=in_base),
-        cube_tests(*of(ShotSet.ISO_CUBE), in_base=in_base),
+        rotation_test(commanded[rotation], points[rotation], noise[rotation]),
+        line_tests(commanded[lines], points[lines], noise[lines]),
+        repeatability_test(commanded[repeated], points[repeated], noise[repeated], in_base=in_base),
+        cube_tests(commanded[cube], points[cube], noise[cube], in_base=in_base),
+        scatter,
     )
     tests = (result.distances, result.rotation, result.lines, result.repeatability, result.cube)
     return replace(
         result, series={name: series for name, test in zip(SET_OF, tests, strict=True) if test}
+    )
+
+
+def scatter_of_visits(shots: Shots) -> RobotScatter:
+    """Return the robot's scatter by repeated visits among shots: to one pose, or to a cube's."""
+    points, one_pose = shots.points_in_tracker_mm, shots.rows_of(ShotSet.REPEATABILITY)
+    cube = shots.rows_of(ShotSet.ISO_CUBE)
+    if len(one_pose) > 1:
+        return RobotScatter.of_visits([points[one_pose]])
+    return RobotScatter.of_visits(
+        [points[cube[rows]] for rows in _rows_by_pose(shots.commanded[cube, :3])]
     )
 
 
@@ -398,90 +428,118 @@ def distance_test(
     pairs: PairRows,
     commanded: Array,
     points_mm: Array,
-    covariance_mm2: Array,
+    noise: PointNoise,
     common_mm2: Array | float = 0.0,
 ) -> DistanceTest | None:
     """Return distances of the whole pairs; None when there is none.
 
-    As in the other tests `commanded` is (N, t), in mm and rad, the points are (N, 3) and their
-    covariances (N, 3, 3); `common_mm2` is the pairs' variance by what all shots have in common.
+    As in the other tests `commanded` is (N, t), in mm and rad, and the points are (N, 3);
+    `common_mm2` is the pairs' variance by what all shots have in common.
     """
     if not pairs.numbers:
         return None
     first, second = pairs.rows.T
-    direction = rigid_transforms.directions(points_mm, first, second)
-    covariance = covariance_mm2[first] + covariance_mm2[second]
+    direction, of_pairs = (
+        rigid_transforms.directions(points_mm, first, second), noise.between(first, second)
+    )  # fmt: skip
+    instrument_mm2, robot_mm2 = (
+        np.einsum("mi,mij,mj->m", direction, covariance, direction)
+        for covariance in (of_pairs.instrument_mm2, of_pairs.robot_mm2)
+    )
     return DistanceTest(
         pairs.numbers,
         rigid_transforms.distances_mm(commanded[:, :3], first, second),
         rigid_transforms.distances_mm(points_mm, first, second),
-        np.sqrt(np.einsum("mi,mij,mj->m", direction, covariance, direction) + common_mm2),
+        np.sqrt(instrument_mm2 + common_mm2),
+        np.sqrt(robot_mm2),
+        noise.dof,
     )
 
 
-def line_tests(commanded: Array, points_mm: Array, covariance_mm2: Array) -> tuple[LineTest, ...]:
+def line_tests(commanded: Array, points_mm: Array, noise: PointNoise) -> tuple[LineTest, ...]:
     """Return every line of at least three shots, in the order x, y, z."""
     along, lines = line_axes(commanded[:, :3]), []
     for place, axis in enumerate(AXES):
         rows = np.flatnonzero(along == place)
         if len(rows) >= SHOTS_OF_A_LINE:
             away = rigid_transforms.away_from_best_line(points_mm[rows])
-            straightness = _longest(away, covariance_mm2[rows])
+            straightness = largest_length(away, noise[rows])
             line = LineTest(axis, commanded[rows, :3], points_mm[rows], away, straightness)
             lines.append(line)
     return tuple(lines)
 
 
-def rotation_test(commanded: Array, points_mm: Array, covariance_mm2: Array) -> RotationTest | None:
+def rotation_test(commanded: Array, points_mm: Array, noise: PointNoise) -> RotationTest | None:
     """Return the motion of the point while only the platform turns; None for one shot."""
     if len(points_mm) < 2:
         return None
-    first, second = rigid_transforms.farthest_apart(points_mm)
-    together = covariance_mm2[first] + covariance_mm2[second]
-    moved = MeasuredLength(*length_with_std(points_mm[first] - points_mm[second], together))
+    first, second = np.triu_indices(len(points_mm), 1)
+    moved = largest_length(points_mm[second] - points_mm[first], noise.between(first, second))
     return RotationTest(np.asarray(commanded[:, -1]), away_from_mean(points_mm), moved)
 
 
 def repeatability_test(
-    commanded: Array, points_mm: Array, covariance_mm2: Array, *, in_base: bool
+    commanded: Array, points_mm: Array, noise: PointNoise, *, in_base: bool
 ) -> RepeatabilityTest | None:
     """Return the sphere about the mean of points at one commanded pose; None for fewer than two."""
     if len(points_mm) < 2:
         return None
-    radius = _longest(rigid_transforms.away_from_mean(points_mm), covariance_mm2)
-    at_mm, instrument_mm2 = commanded[:, :3].mean(axis=0), covariance_mm2.mean(axis=0)
+    # The robot's scatter is what the radius measures: its part is that of a finite sample.
+    away_mm = rigid_transforms.away_from_mean(points_mm)
+    outermost = int(np.argmax(np.linalg.norm(away_mm, axis=1)))
+    radius = MeasuredLength(*length_with_std(away_mm[outermost], noise.instrument_mm2[outermost]))
+    visits = RobotScatter.of_visits([points_mm])
+    radius = replace(radius, robot_mm=OUTERMOST_SCATTER * visits.point_mm, dof=visits.dof)
+    at_mm, instrument_mm2 = commanded[:, :3].mean(axis=0), noise.instrument_mm2.mean(axis=0)
     return RepeatabilityTest(at_mm, points_mm, radius, instrument_mm2, in_base)
 
 
 def cube_tests(
-    commanded: Array, points_mm: Array, covariance_mm2: Array, *, in_base: bool
+    commanded: Array, points_mm: Array, noise: PointNoise, *, in_base: bool
 ) -> tuple[RepeatabilityTest, ...]:
     """Return visits to each of ISO 9283's poses: P1 in the middle, the others about z.
 
     Poses of fewer than two visits are left out.
     """
-    # Shots come without a pose's number, and imported ones have commanded places computed from
-    # encoders, which differ a little at each visit. So group them: take the first that remains,
-    # collect all near it, and go on with the others. Then sort: the pose in the middle of their
-    # extent is P1, the others follow by their angle about z.
-    places_mm, tests = commanded[:, :3], []
+    # The pose in the middle of their extent is P1, the others follow by their angle about z.
+    places_mm = commanded[:, :3]
     if not len(places_mm):
         return ()
-    low, high = places_mm.min(axis=0), places_mm.max(axis=0)
-    middle = 0.5 * (low + high)
-    near_mm = SAME_POSE_SHARE * float((high - low).max()) + SAME_PLACE_MM
-    remaining = np.arange(len(places_mm))
-    while len(remaining):
-        is_near = np.linalg.norm(places_mm[remaining] - places_mm[remaining[0]], axis=1) <= near_mm
-        arrays = (values[remaining[is_near]] for values in (commanded, points_mm, covariance_mm2))
-        tests.append(repeatability_test(*arrays, in_base=in_base))
-        remaining = remaining[~is_near]
+    middle, near_mm = _middle_mm(places_mm), _near_mm(places_mm)
+    tests = [
+        repeatability_test(commanded[rows], points_mm[rows], noise[rows], in_base=in_base)
+        for rows in _rows_by_pose(places_mm)
+    ]
 
     def order(test: RepeatabilityTest) -> tuple[bool, float]:
         x_mm, y_mm, _ = away = test.commanded_mm - middle
         return bool(np.linalg.norm(away) > near_mm), float(np.arctan2(y_mm, x_mm))
 
     return tuple(sorted(filter(None, tests), key=order))
+
+
+def _middle_mm(places_mm: Array) -> Array:
+    return np.asarray(0.5 * (places_mm.min(axis=0) + places_mm.max(axis=0)))
+
+
+def _near_mm(places_mm: Array) -> float:
+    """Return the distance within which commanded places (N, 3) are one pose's."""
+    return SAME_POSE_SHARE * float(np.ptp(places_mm, axis=0).max()) + SAME_PLACE_MM
+
+
+def _rows_by_pose(places_mm: Array) -> list[Index]:
+    """Return the rows of the visits to each pose, by commanded places (N, 3)."""
+    # Shots come without a pose's number, and imported ones have commanded places computed from
+    # encoders, which differ a little at each visit. So group them: take the first that remains,
+    # collect all near it, and go on with the others.
+    groups, remaining = list[Index](), np.arange(len(places_mm))
+    near_mm = _near_mm(places_mm) if len(places_mm) else 0.0
+    while len(remaining):
+        away_mm = places_mm[remaining] - places_mm[remaining[0]]
+        is_near = np.linalg.norm(away_mm, axis=1) <= near_mm
+        groups.append(remaining[is_near])
+        remaining = remaining[~is_near]
+    return groups
 
 
 def line_axes(commanded_mm: Array) -> Index:
@@ -516,11 +574,13 @@ def _relative_std_of_rp(count: int) -> float:
     return float(np.sqrt(1.0 / count + RP_DEVIATIONS**2 * of_deviation + together))
 
 
-def _upper_mm(length: MeasuredLength) -> float:
-    return length.value_mm + length.expanded_uncertainty_mm
+def _std_of_mean(std_mm: Array) -> float:
+    """Return 1 σ of the mean of independent values with these 1 σ, (M,)."""
+    return float(np.sqrt(np.sum(std_mm**2))) / len(std_mm)
 
 
-def _longest(away_mm: Array, covariance_mm2: Array) -> MeasuredLength:
-    """Return the longest of vectors (N, 3)."""
-    worst = int(np.argmax(np.linalg.norm(away_mm, axis=1)))
-    return MeasuredLength(*length_with_std(away_mm[worst], covariance_mm2[worst]))
+def _worst(figures: Iterable[MeasuredLength | None]) -> MeasuredLength | None:
+    """Return the figure that reaches farthest with the U of the largest of them; None without."""
+    measured = [figure for figure in figures if figure is not None]
+    of_all = [replace(figure, count=len(measured)) for figure in measured]
+    return max(of_all, key=lambda figure: figure.upper_mm, default=None)

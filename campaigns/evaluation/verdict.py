@@ -10,19 +10,19 @@ unless something else is against a pass, which is then reported.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from campaigns.arrays import AXES
 from campaigns.evaluation.decision import (
-    COVERAGE,
     NO_LIMIT,
     Decision,
+    FigureChange,
     Requirement,
     Verdict,
+    decide,
     decide_all,
 )
+from campaigns.evaluation.measured_lengths import Comparison, MeasuredLength
 from campaigns.evaluation.summary import BeforeAfter
-from campaigns.evaluation.validation import CUBE_FIGURES, MeasuredLength, ValidationResult
+from campaigns.evaluation.validation import CUBE_FIGURES, ValidationResult
 from campaigns.robots.reduced_form import ReducedForm
 from campaigns.settings.sections import AcceptanceConfig
 
@@ -39,7 +39,7 @@ HEADLINES: Mapping[Verdict, str] = {
     "not decided": "Conformity could be neither shown nor ruled out.",
     NO_LIMIT: "No acceptance limits are specified; no statement of conformity is made.",
 }
-NO_CHANGE = "no change shown"
+NO_CHANGE: FigureChange = "no change shown"
 JUDGED_FIGURE = "distances, mean error"
 """The figure that must not become worse by loading."""
 
@@ -48,8 +48,7 @@ JUDGED_FIGURE = "distances, mean error"
 class Gain:
     """Figure before and after; None: not measured in that stage.
 
-    The uncertainties contain the robot's own scatter, where it was measured: the two stages are of
-    different visits.
+    The uncertainties contain the robot's own scatter: the two stages are of different visits.
     """
 
     name: str
@@ -57,20 +56,23 @@ class Gain:
     after: MeasuredLength | None
 
     @property
-    def expanded_uncertainty_mm(self) -> float | None:
-        """U of the difference, k = 2; None without both."""
+    def comparison(self) -> Comparison | None:
+        """Comparison of both; None without both."""
         if self.before is None or self.after is None:
             return None
-        both = self.before.standard_uncertainty_mm, self.after.standard_uncertainty_mm
-        return COVERAGE * float(np.hypot(*both))
+        return Comparison(self.before, self.after)
+
+    @property
+    def expanded_uncertainty_mm(self) -> float | None:
+        """U of the difference; None without both."""
+        comparison = self.comparison
+        return None if comparison is None else comparison.expanded_uncertainty_mm
 
     @property
     def shown(self) -> bool | None:
         """Whether the difference is larger than its U; None without both."""
-        expanded_mm = self.expanded_uncertainty_mm
-        if self.before is None or self.after is None or expanded_mm is None:
-            return None
-        return abs(self.after.value_mm - self.before.value_mm) > expanded_mm
+        comparison = self.comparison
+        return None if comparison is None else comparison.change != NO_CHANGE
 
     def in_words(self) -> str:
         """Return the name, both values, and whether they differ."""
@@ -87,13 +89,24 @@ def gains(before: ValidationResult | None, after: ValidationResult | None) -> tu
     return tuple(gain for gain in all_gains if gain.before or gain.after)
 
 
+def compare_distances(
+    before: ValidationResult | None, after: ValidationResult | None
+) -> Comparison | None:
+    """Compare the mean errors of distances, which must not become larger; None without both."""
+    of_distances = (gain for gain in gains(before, after) if gain.name == JUDGED_FIGURE)
+    return next((gain.comparison for gain in of_distances), None)
+
+
 def worse_than_before(all_gains: Iterable[Gain]) -> Iterator[str]:
     """Say that the mean error of distances became larger, beyond its uncertainty."""
     for gain in all_gains:
-        if gain.name == JUDGED_FIGURE and gain.shown and gain.before and gain.after:
-            before_mm, after_mm = gain.before.value_mm, gain.after.value_mm
-            if after_mm > before_mm:
-                yield f"{JUDGED_FIGURE} {after_mm:.3f} mm, before loading it was {before_mm:.3f} mm"
+        comparison = gain.comparison
+        if gain.name == JUDGED_FIGURE and comparison and comparison.change == "larger":
+            yield (
+                f"{JUDGED_FIGURE} {comparison.after.value_mm:.3f} mm, before loading it was "
+                f"{comparison.before.value_mm:.3f} mm (U of the difference: "
+                f"{comparison.expanded_uncertainty_mm:.3f} mm)"
+            )
 
 
 def gained_in_words(all_gains: Iterable[Gain], unseen: BeforeAfter | None) -> str:
@@ -169,7 +182,8 @@ def lost_beyond(form: ReducedForm | None, limits: AcceptanceConfig) -> Iterator[
         ("mean", form.lost_mean_mm, limits.distance_mean_mm),
         ("largest", form.lost_max_mm, limits.distance_max_mm),
     ):
-        if limit_mm is not None and lost_mm > limit_mm:
+        # computed over the workspace, not measured: its U is 0
+        if limit_mm is not None and decide(lost_mm, 0.0, limit_mm) == "fail":
             yield (
                 f"the form of the identified parameters ({form.name}) {form.loses} of position "
                 f"over the workspace, limit for the {figure} distance {limit_mm:g} mm"
@@ -196,7 +210,7 @@ def _requirements(
     for name, limit in limits_by_figure(limits).items():
         length = figures.get(name)
         if length is not None:
-            yield Requirement(name, length.value_mm, limit, length.standard_uncertainty_mm)
+            yield length.requirement(name, limit)
         elif limit is not None or name not in CUBE_FIGURES:  # the cube is measured on request only
             yield Requirement(name, None, limit)
 

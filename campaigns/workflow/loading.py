@@ -33,7 +33,9 @@ from campaigns.controllers.load_journal import (
     record_undone,
     standing_loads,
 )
-from campaigns.evaluation.verdict import lost_beyond
+from campaigns.evaluation.decision import FigureChange
+from campaigns.evaluation.validation import ValidationResult
+from campaigns.evaluation.verdict import compare_distances, lost_beyond
 from campaigns.journal.journal import Journal
 from campaigns.journal.records import Finding
 from campaigns.measuring.run_state import SILENT, RunObserver, Wishes
@@ -90,6 +92,10 @@ class Verification:
     after_mm: float
     series: tuple[int, int]
     """Numbers of the journal's series, before and after."""
+    expanded_mm: float
+    """U of the difference of both."""
+    change: FigureChange
+    """Decision on the difference; the load is kept unless the errors became larger."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -321,8 +327,8 @@ class _Loading:
 
     def _measure_before(
         self, held: Mapping[str, float], shots: tuple[PlannedShot, ...]
-    ) -> tuple[int, float]:
-        """Measure with the old parameters; return the series and the mean error, mm.
+    ) -> tuple[int, ValidationResult]:
+        """Measure with the old parameters; return the series and its figures.
 
         Whatever ends the measurement is raised with the words that nothing was written.
         """
@@ -349,15 +355,16 @@ class _Loading:
             raise
 
     def _measure_after(
-        self, begun: Load, shots: tuple[PlannedShot, ...], series: int, before_mm: float
+        self, begun: Load, shots: tuple[PlannedShot, ...], series: int, before: ValidationResult
     ) -> Verification:
-        """Measure with the new parameters, and compare with the series and mean error before.
+        """Measure with the new parameters, and compare with the series and its figures before.
 
         Whatever ends the measurement, the old parameters are put back, unless the robot may still
-        be moving. Raise `VerdictBad` if the pairs became worse.
+        be moving. Raise `VerdictBad` if the pairs became worse beyond the uncertainty of the
+        difference.
         """
         try:
-            again, after_mm = self._measure("verify after", begun.wanted, shots)
+            again, after = self._measure("verify after", begun.wanted, shots)
         except RobotStateUnknown as error:  # a robot that may move is written nothing
             raise RobotStateUnknown(
                 f"{error.problem}; nothing was put back: the controller holds the new parameters "
@@ -370,11 +377,22 @@ class _Loading:
             if isinstance(error, STOPPED):
                 raise _stopped("the controller holds the old parameters") from error
             raise
-        if after_mm <= before_mm:
-            return Verification(begun.verify, before_mm, after_mm, (series, again))
+        comparison = compare_distances(before, after)
+        assert comparison is not None, "pairs were measured in both series"
+        verification = Verification(
+            begun.verify,
+            comparison.before.value_mm,
+            comparison.after.value_mm,
+            (series, again),
+            comparison.expanded_uncertainty_mm,
+            comparison.change,
+        )
+        if verification.change != "larger":
+            return verification
         worse = (
-            f"distances of {begun.verify} pairs are off by {after_mm:.3f} mm on average "
-            f"after loading {begun.source}, before it was {before_mm:.3f} mm"
+            f"distances of {begun.verify} pairs are off by {verification.after_mm:.3f} mm on "
+            f"average after loading {begun.source}, before it was {verification.before_mm:.3f} mm "
+            f"(U of the difference: {verification.expanded_mm:.3f} mm)"
         )
         self._take_back(begun, worse)
         raise errors.VerdictBad(
@@ -393,8 +411,8 @@ class _Loading:
         stage: validation.VerificationStage,
         active: Mapping[str, float],
         shots: tuple[PlannedShot, ...],
-    ) -> tuple[int, float]:
-        """Measure pairs as the controller commands them; return series and mean error, mm.
+    ) -> tuple[int, ValidationResult]:
+        """Measure pairs as the controller commands them; return the series and its figures.
 
         `active` are the parameters in the controller.
         """
@@ -422,7 +440,7 @@ class _Loading:
                 cell.robot.reconnect()
                 cell.tracker.reconnect()
             else:
-                mean_mm = validation.mean_of_pairs_mm(
+                result = validation.evaluated_pairs(
                     self.campaign, self.journal, series, len(shots) // 2
                 )
-                return series, mean_mm
+                return series, result

@@ -173,15 +173,18 @@ def verification_work(
     return replace(work, ends_at=tuple(reachable.joints(centre)[0].tolist()))
 
 
-def mean_of_pairs_mm(campaign: Campaign, journal: JournalReader, series: int, count: int) -> float:
-    """Return the mean absolute error of the distances of a series' pairs, mm.
+def evaluated_pairs(
+    campaign: Campaign, journal: JournalReader, series: int, count: int
+) -> validation.ValidationResult:
+    """Return the figures of a series of pairs, with the robot's scatter in their uncertainty.
 
     Raise `LoadNotVerified` if fewer than `count` pairs were measured: the figures before and after
     would be of different pairs.
     """
-    distances = _evaluated(campaign, journal, series).distances
+    result = _evaluated(campaign, journal, series)
+    distances = result.distances
     measured = len(distances.pairs) if distances else 0
-    if distances is None or measured < count:
+    if measured < count:
         events = (entry.record for entry in journal.records_of(Event, series))
         skipped = [event.text for event in events if event.kind == "shot skipped"]
         raise LoadNotVerified(
@@ -190,7 +193,7 @@ def mean_of_pairs_mm(campaign: Campaign, journal: JournalReader, series: int, co
             ),
             remedy="clear what kept the robot or the beam from there, or give another --verify",
         )
-    return distances.mean.value_mm
+    return result
 
 
 def wrong_stage(
@@ -359,7 +362,8 @@ def _evaluated(
     """Return the figures of a series' accepted shots."""
     mechanism = campaign.robot.mechanism
     shots = by_stops(shots_of_journal(journal.shots(series), mechanism), mechanism.joints)
-    return validation.evaluate_validation(shots, campaign.instrument, series)
+    scatter = evaluate(campaign).scatter
+    return validation.evaluate_validation(shots, campaign.instrument, series, scatter)
 
 
 def _unseen_pairs(campaign: Campaign) -> tuple[PlannedShot, ...]:

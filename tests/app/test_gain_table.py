@@ -10,7 +10,7 @@ from typer import Exit
 from app.console import Terminal
 from app.report.tables import GAINS, change
 from app.report.terminal_text import show_gain, show_validation
-from campaigns.evaluation.validation import MeasuredLength
+from campaigns.evaluation.measured_lengths import MeasuredLength
 from campaigns.evaluation.verdict import Gain
 from campaigns.evidence import Evaluation, evaluate
 from campaigns.files.table import texts

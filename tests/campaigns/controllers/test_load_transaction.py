@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fake_cell import FakeRobot, FakeTracker
 from held_parameters import OLD, Controller, PowerCut
-from paper_campaign import ERRORS, NOMINAL, PaperCampaign, planned
+from paper_campaign import ERRORS, NOISE_MM, NOMINAL, PaperCampaign, planned
 from par4_space import par4
 from virtual_time import StopWish, VirtualClock
 
@@ -300,6 +300,28 @@ def test_pairs_that_become_worse_bring_the_old_parameters_back(
     assert not unended(campaign)
     with pytest.raises(errors.ShotsMissing):
         rolled_back(campaign, cell.robot)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_equally_good_sets_are_kept_and_said_to_be_undecided(
+    campaign: Campaign, cell: Cell, seed: int
+) -> None:
+    """A robot that scatters shows small differences of the mean error, as often worse as better."""
+    scatter = np.random.default_rng(seed)
+    seen_mm = cell.tracker.seen_mm
+    cell.tracker.seen_mm = lambda: tuple(scatter.normal(seen_mm(), NOISE_MM).tolist())
+    provenance = read_robot(campaign.path(EXPORTED)).robot.provenance
+    as_good = OLD | {"plate_mm": OLD["plate_mm"] + 1e-5}
+    wanted = campaign.path("as-good.yaml")
+    document = compensated(NOMINAL, "as good", as_good, dict(provenance or {})).document
+    wanted.write_text(document.text, encoding="utf-8")
+    verification = verified(campaign, cell, 3, source=wanted).verification
+    assert verification is not None
+    assert verification.change == "no change shown"
+    assert verification.expanded_mm > abs(verification.after_mm - verification.before_mm) > 0.0
+    assert cell.robot.geometry == as_good
+    kind, body = findings(campaign)[-1]
+    assert (kind, body["verification"]["change"]) == ("load", "no change shown")
 
 
 def test_more_pairs_than_there_are_are_refused_before_anything_moves(

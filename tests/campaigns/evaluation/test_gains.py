@@ -1,5 +1,6 @@
 """Gains: what is a difference, and what is within its uncertainty."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +8,12 @@ import pytest
 from paper_campaign import PaperCampaign, new_campaign
 from par4_space import with_values
 
+from campaigns.evaluation.measured_lengths import MeasuredLength
 from campaigns.evaluation.summary import BeforeAfter, Spread
-from campaigns.evaluation.validation import MeasuredLength
+from campaigns.evaluation.validation import DistanceTest, ValidationResult
 from campaigns.evaluation.verdict import Gain, gained_in_words
-from campaigns.evidence import evaluate
+from campaigns.evidence import Evaluation, evaluate
+from campaigns.fit.error_sources import SCATTER_TOLERANCE_MM
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.validation import record_validation
 
@@ -42,13 +45,35 @@ def test_without_a_measurement_before_the_gain_is_that_of_the_model() -> None:
 
 
 def test_the_robots_scatter_is_in_the_uncertainty_of_a_comparison(whole: PaperCampaign) -> None:
-    after = evaluate(whole.campaign).after
-    away = after.repeatability.away_mm
-    scatter_mm = np.sqrt(np.sum(away**2) / (3 * (len(away) - 1)))
+    found = evaluate(whole.campaign)
+    assert found.scatter.source == "identification"
+    after, noise = found.after, found.evidence.identification.scatter
+    assert found.scatter.point_mm == noise.point_mm
+    assert found.scatter.joint == np.radians(noise.joint)
     plain, compared = after.figures()["rotation"], after.comparable_figures()["rotation"]
-    assert compared.value_mm == plain.value_mm
-    together = np.hypot(plain.standard_uncertainty_mm, np.sqrt(2.0) * scatter_mm)
-    assert compared.standard_uncertainty_mm == pytest.approx(together)
+    assert compared == plain
+    assert plain.robot_mm > np.sqrt(2.0) * noise.point_mm  # the joints' scatter comes on top
+
+
+def test_without_an_identification_the_scatter_is_that_of_the_repeated_visits(whole) -> None:
+    evidence = replace(evaluate(whole.campaign).evidence, identification=None)
+    after = Evaluation(evidence).after
+    away = after.repeatability.away_mm
+    assert after.scatter.source == "repeated visits"
+    scatter_mm = np.sqrt(np.sum(away**2) / (3 * (len(away) - 1)))
+    assert after.scatter.point_mm == pytest.approx(scatter_mm)
+    assert after.scatter.dof == 3 * (len(away) - 1)
+    moved = after.figures()["rotation"]
+    assert moved.robot_mm == pytest.approx(np.sqrt(2.0) * after.scatter.point_mm)
+
+
+def test_unknown_scatter_is_stated_and_compared_by_its_bound() -> None:
+    test = DistanceTest((1, 2), np.zeros(2), np.ones(2), np.full(2, 0.01), np.zeros(2))
+    unknown = ValidationResult(test, None, None, (), None)
+    assert unknown.scatter.says.startswith("U is of the instrument alone")
+    name = "distances, mean error"
+    assert unknown.figures()[name].robot_mm == 0.0
+    assert unknown.comparable_figures()[name].robot_mm == pytest.approx(SCATTER_TOLERANCE_MM)
 
 
 @pytest.fixture(scope="module")

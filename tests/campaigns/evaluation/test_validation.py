@@ -9,6 +9,7 @@ from fake_cell import TRACKER_FROM_BASE
 
 from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.evaluation.iso_figures import cube_frame
+from campaigns.evaluation.measured_lengths import PointNoise
 from campaigns.evaluation.validation import (
     distance_test,
     evaluate_validation,
@@ -75,7 +76,8 @@ def measured(points, commanded=0.0, deviations=(0.01, 0.01, 0.01)):
     points = np.array(points, dtype=float)
     poses = np.zeros((len(points), 4))
     poses[:, :3] = commanded
-    return poses, points, np.tile(np.diag(np.square(deviations)), (len(points), 1, 1))
+    instrument = np.tile(np.diag(np.square(deviations)), (len(points), 1, 1))
+    return poses, points, PointNoise(instrument, np.zeros_like(instrument))
 
 
 def straightness_mm(points):
@@ -163,7 +165,7 @@ def test_each_distance_has_the_uncertainty_along_it_and_averaging_takes_nothing_
     commanded, *seen = measured(points, points, DEVIATIONS)
     commanded[3, 1] = 5.0
     test = distance_test(pair_rows((3, 3, 4, 4)), commanded, *seen)
-    assert test.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * np.array([0.1, 0.2]))
+    assert test.instrument_mm == pytest.approx(np.sqrt(2.0) * np.array([0.1, 0.2]))
     assert test.mean.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * 0.15)
     assert test.largest.value_mm == pytest.approx(2.0)
     assert test.largest.standard_uncertainty_mm == pytest.approx(np.sqrt(2.0) * 0.2)
