@@ -44,8 +44,8 @@ def gain_section(evaluation: Evaluation) -> Section:
         "The commanded robot, test by test",
         tables.GAINS,
         evaluation.gains,
-        "U: of the difference (k = 2), with the tracker's uncertainty in both stages and, where "
-        "repeated visits show it, the robot's own scatter: no two visits are the same. A "
+        "U: of the difference, with the tracker's uncertainty and the robot's own scatter in both "
+        "stages: no two visits are the same. An unknown scatter counts as 0.5 mm per axis. A "
         "difference that is not larger than its U shows no change.",
     )
     for name, stage in (("Before", evaluation.before), ("After", evaluation.after)):
@@ -125,7 +125,7 @@ def motion_tests_section(evaluation: Evaluation) -> Section:
         tables.ISO,
         [*zip_longest(old, new)],
         "AP and RP are tested as the standard has it, but for the base frame of AP, which is "
-        "fitted. n: visits; U: k = 2.",
+        "fitted. n: visits.",
     )
     frames = " ".join(f"{n.title()}: {cube_frame(s)}." for n, s in stages.items() if s and s.cube)
     section.table(
@@ -133,7 +133,7 @@ def motion_tests_section(evaluation: Evaluation) -> Section:
         tables.CUBE,
         cube_poses(**stages),
         "Commanded places in the base frame. AP: from the commanded place to the mean of the "
-        f"visits; RP: l̄ + 3 S of the visits' distances from their mean. U: k = 2. {frames}",
+        f"visits; RP: l̄ + 3 S of the visits' distances from their mean. {frames}",
     )
     return section
 

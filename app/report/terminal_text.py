@@ -148,7 +148,7 @@ def _show(terminal: Terminal, validated: Validated) -> None:
 
 
 def show_gain(terminal: Terminal, evaluation: Evaluation) -> None:
-    """Show before and after side by side; U (k = 2) is that of the difference."""
+    """Show before and after side by side; U is that of the difference."""
     rows = texts(tables.GAINS, evaluation.gains)
     if evaluation.before is not None and evaluation.after is not None:
         old, new = evaluation.before.further_figures_mm(), evaluation.after.further_figures_mm()

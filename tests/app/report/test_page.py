@@ -124,6 +124,8 @@ def test_a_whole_campaign_has_every_figure_and_the_verdict_first(whole_page: Pag
     assert "No limits specified" in box
     assert "Measured before and after: distances, mean error" in box
     text = words_of(whole_page.html)
+    assert "JCGM 106:2012" in text
+    assert "U contains the instrument and the robot's scatter" in text
     for words in (
         "Robot repeatability: ",
         "Predicted σ of positions over the workspace: 0.0",

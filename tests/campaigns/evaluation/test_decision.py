@@ -1,12 +1,16 @@
 """The decision rule: nothing is decided that the uncertainty does not allow."""
 
+import ast
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import campaigns
 from campaigns.evaluation.decision import (
     Requirement,
     allows_decision,
@@ -116,3 +120,37 @@ def test_positions_known_worse_than_the_limit_or_the_error_before_decide_nothing
     assert allows_decision(4.9, {"mean": 20.0}, 1.5) is None  # limits decide where there are any
     assert allows_decision(4.9, {}, None) is None
     assert allows_decision(math.nan, {}, 1.5) == "σ of positions is unknown"
+
+
+CAMPAIGNS = Path(campaigns.__file__).parent
+JUDGING = [
+    *sorted((CAMPAIGNS / "evaluation").glob("*.py")),
+    *sorted((CAMPAIGNS / "controllers").glob("*.py")),
+    *(
+        CAMPAIGNS / name
+        for name in ("evidence.py", "workflow/loading.py", "workflow/validation.py")
+    ),
+]
+ELSEWHERE = {"decision.py", "plausibility.py"}  # the rule itself; mistaken files, not results
+FIGURE = re.compile(r"limit|(value|before|after|error|upper|lost)_mm$|^error$|_abs$|^rms$")
+ORDER = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
+
+
+def compared_figures(source: str) -> list[str]:
+    """Comparisons by size of something that is named as a measured figure or as a limit."""
+    return [
+        ast.unparse(node)
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Compare) and any(isinstance(op, ORDER) for op in node.ops)
+        for side in (node.left, *node.comparators)
+        if FIGURE.search(ast.unparse(side).split(".")[-1])
+    ]
+
+
+def test_no_measured_figure_is_compared_outside_of_the_decision_rule() -> None:
+    for path in JUDGING:
+        if path.name not in ELSEWHERE:
+            assert compared_figures(path.read_text("utf-8")) == [], path
+    assert compared_figures("if gain.after.value_mm > before_mm: pass")
+    assert compared_figures("all(x[name] <= limit for name, limit in pairs)")
+    assert not compared_figures("if len(rows) >= SHOTS_OF_A_LINE: pass")
