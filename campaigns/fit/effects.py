@@ -296,7 +296,7 @@ class Layer(Effect):
     """Coordinates of the shots: one array of places (M, c), mm; an array (M, 1) of each joint."""
     scaled: tuple[Array, ...]
     """U Λ^-½ (M, k) of the kernel over each of these arrays."""
-    theta_mm: float = 1.0
+    turn_mm: float = 1.0
     """Length that compares with a turn of the platform by 1 rad, mm."""
     log_odds: float = 0.0
     source: ClassVar[str] = "layer"
@@ -308,11 +308,11 @@ class Layer(Effect):
         shots: tuple[Array, ...],
         length: float,
         usual: float,
-        theta_mm: float = 1.0,
+        turn_mm: float = 1.0,
     ) -> Self:
         """Return a layer over coordinates of shots, with the functions of its kernel."""
         scaled = tuple(_kernel_functions(_matern(at, at, length)) for at in shots)
-        return cls(kind, length, usual, shots, scaled, theta_mm)
+        return cls(kind, length, usual, shots, scaled, turn_mm)
 
     @property
     def moves(self) -> Moved:
@@ -340,7 +340,7 @@ class Layer(Effect):
     def _functions(self, observations: "Observations") -> list[Array]:
         """Return the functions φ (N, k) at observations, of places or of each joint."""
         if self.kind == "place":
-            here = [place_coordinates(observations.near, self.theta_mm)]
+            here = [place_coordinates(observations.near, self.turn_mm)]
         else:
             here = [joint[:, None] for joint in observations.joints.T]
         rows = zip(here, self.shots, self.scaled, strict=True)
@@ -372,10 +372,10 @@ def _kernel_functions(kernel: Array) -> Array:
     return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
 
 
-def place_coordinates(poses: Array, theta_mm: float) -> Array:
+def place_coordinates(poses: Array, turn_mm: float) -> Array:
     """Return the coordinates (N, t) of poses by which places are compared, mm."""
     scale = np.ones(poses.shape[1])
-    scale[3:] = theta_mm
+    scale[3:] = turn_mm
     return np.asarray(poses * scale)
 
 

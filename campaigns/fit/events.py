@@ -106,7 +106,7 @@ def add_changes_since_prior(fit: Fit) -> Fit:
 
 def with_steps_of(whole: Fit, fit: Fit) -> Fit:
     """Return a fit of some of the shots with the changes that all shots show."""
-    steps = tuple(step for step in steps_of(whole) if step.covers(fit.observations.moment).any())
+    steps = steps_of(whole)
     if {step.name for step in steps} == {step.name for step in steps_of(fit)}:
         return fit
     others = tuple(effect for effect in fit.model.effects if not isinstance(effect, Step))

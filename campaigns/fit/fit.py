@@ -243,6 +243,14 @@ class Fit:
         return wrong_shots.cavity(self.residual, self.by_unknowns, self.total_noise, self.good)
 
     @property
+    def freedom(self) -> float:
+        """Degrees of freedom of the noise: three coordinates a shot less the unknowns' share."""
+        # Unknowns that the prior determines rather than the data use up less than one each:
+        # tr(C D), the elementwise sum of two symmetric matrices, counts what is given back.
+        used = len(self.inverse) - float((self.inverse * self.precision).sum())
+        return 3.0 * float(self.good.sum()) - used
+
+    @property
     def objective(self) -> float:
         """χ² of residuals and priors; infinite where a shot that counts has no assembly."""
         counted = self.good > 0.0
@@ -339,9 +347,14 @@ def _from(start: Fit, model: ErrorModel, observations: Observations | None) -> F
     noise = noise_parts(model, observations, at.by_joint)
     factors = {part: start.factors.get(part, 1.0) for part in noise}
     return replace(
-        fit, observations=observations, at=at, noise=noise, usable=usable, good=usable.astype(np.float64),
+        fit,
+        observations=observations,
+        at=at,
+        noise=noise,
+        usable=usable,
+        good=usable.astype(np.float64),
         factors=factors,
-    )  # fmt: skip
+    )
 
 
 def _names_of(model: ErrorModel) -> list[tuple[str, int]]:

@@ -54,10 +54,10 @@ def candidate_layers(fit: Fit) -> list[Layer]:
     """Return the layers over the shots of a fit: three lengths of each set of coordinates."""
     poses, joints = fit.observations.near[fit.usable], fit.observations.joints[fit.usable]
     radius = float(np.hypot(*(poses[:, :2] - poses[:, :2].mean(axis=0)).T).max())
-    theta_mm = radius / 1.5
-    places = place_coordinates(poses, theta_mm)
+    turn_mm = radius / 1.5
+    places = place_coordinates(poses, turn_mm)
     layers = [
-        Layer.over("place", (places[:, :columns],), length * radius, USUAL_MM, theta_mm)
+        Layer.over("place", (places[:, :columns],), length * radius, USUAL_MM, turn_mm)
         for length in PLACE_LENGTHS
         for columns in range(2, places.shape[1] + 1)
     ]

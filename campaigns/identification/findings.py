@@ -9,14 +9,15 @@ tolerances even after two standard deviations are taken off. That asks for both 
 sure one: an unknown that the shots hardly determine stays near zero with a wide σ.
 """
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.evaluation.decision import COVERAGE, Decision
+from campaigns.evaluation.decision import COVERAGE, Decision, decide, decide_all
 from campaigns.evaluation.region import FARTHER_OFF, Region
 from campaigns.fit.effects import FRAME, Effect, Lag, Layer, Ripple, Walk
 from campaigns.fit.error_sources import (
@@ -52,6 +53,7 @@ SCATTER = "scatter"
 HOLD_OUT = "hold-out"
 EXTRAPOLATION = "extrapolation"
 NO_POSITIONS = "no-positions"
+TOO_UNCERTAIN = "too-uncertain"
 NOTHING_UNSEEN = "nothing-unseen"
 NOT_TAKEN = "unseen-not-taken"
 WORSE = "unseen-worse"
@@ -94,11 +96,22 @@ class HoldOut:
     p: float
     ratio: float
     """Rms of the pairs' errors over the rms that the fit states."""
+    reach_mm: dict[str, float] = field(default_factory=dict)
+    """Mean and largest error, `mean` and `max`, each with its U added, mm."""
 
     @property
     def believable(self) -> bool:
         """Whether chance explains the pairs' errors."""
         return self.p >= HOLD_OUT_LEVEL
+
+    def meets(self, limits_mm: Mapping[str, float]) -> bool:
+        """Return whether there are acceptance limits of distances, and all are met with U."""
+        decisions = [
+            decide(self.reach_mm.get(name, math.inf), 0.0, limit)
+            for name, limit in limits_mm.items()
+            if name in self.reach_mm
+        ]
+        return len(decisions) == len(limits_mm) and decide_all(decisions) == "pass"
 
     @property
     def applied_ratio(self) -> float:
@@ -273,7 +286,8 @@ def left_out_findings(
     without = [event for event in events if event.kind == "no assembly"]
     if not wrong and not without:
         return
-    count, share = len(wrong) + len(without), (len(wrong) + len(without)) / len(numbers)
+    left_out = {event.first for event in (*wrong, *without)}
+    share = max(len(left_out & {*numbers}) / len(numbers) for numbers in sets if numbers)
     says = []
     if wrong:
         worst = max(event.size for event in wrong)
@@ -295,7 +309,7 @@ def left_out_findings(
         says.append("they lie together in the workspace: the model fails there")
     if decision is None:
         says.append("measure again")
-    yield Finding(WRONG_SHOTS, "; ".join(says), decision, {"count": float(count)})
+    yield Finding(WRONG_SHOTS, "; ".join(says), decision, {"count": float(len(left_out))})
 
 
 def _shots_words(events: Sequence[Event]) -> str:
@@ -361,13 +375,24 @@ def hold_out_findings(test: HoldOut, *, limits_met: bool) -> Iterator[Finding]:
     yield Finding(HOLD_OUT, says, None if limits_met else "not decided", numbers)
 
 
-def region_findings(region: Region | None) -> Iterator[Finding]:
-    """Yield a finding where σ of positions is unknown, or much of the workspace is extrapolated."""
+def position_findings(
+    region: Region | None, obstacle: str | None, *, was_asked: bool
+) -> Iterator[Finding]:
+    """Yield a finding where σ of positions lets nothing be decided, or much is extrapolated.
+
+    `obstacle` says why σ of positions is too large; None if it is not. `was_asked`: whether there
+    were poses at which to state it.
+    """
+    if obstacle is not None:
+        says = f"nothing can be decided: {obstacle}; measure more shots"
+        yield Finding(TOO_UNCERTAIN, says, "not decided")
     if region is None:
         yield Finding(
             NO_POSITIONS,
             "σ of positions is unknown: the identified robot cannot be assembled in too much of "
-            "its workspace; look at units, joints and robot.yaml",
+            "its workspace; look at units, joints and robot.yaml"
+            if was_asked
+            else "σ of positions was not asked for: give the workspace at which to state it",
             "not decided",
         )
     elif region.beyond > MOST_BEYOND:

@@ -10,9 +10,10 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from campaigns.arrays import Array, Index
+from campaigns.evaluation.decision import chance_of_larger, decide_change, effective_dof
+from campaigns.evaluation.summary import distance_requirements
 from campaigns.fit.error_model import Observations
 from campaigns.fit.fit import Fit, noise_parts
 from campaigns.fit.rigid_transforms import directions, distances_mm
@@ -22,9 +23,6 @@ from campaigns.identification.result import Excluded, ResidualTable
 from campaigns.kinematics.mechanism import KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
-
-WORSE_LEVEL = 0.99
-"""Probability that errors of equal models stay below, from which hold-out pairs got worse."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,8 +46,8 @@ class UnseenPairs:
         count, mean = len(growth), float(growth.mean())
         if count < 3:
             return mean > 0.0
-        limit = float(scipy.special.stdtrit(count - 1, WORSE_LEVEL))
-        return bool(mean > limit * float(growth.std(ddof=1)) / count**0.5)
+        std = float(growth.std(ddof=1)) / count**0.5
+        return decide_change(mean, std, count - 1) == "larger"
 
 
 def unseen_pairs(
@@ -105,17 +103,26 @@ def _predicted_pairs(
     errors = (by_points * at.residual).sum(axis=(1, 2))
     by_unknowns = np.einsum("mnk,nkq->mq", by_points, at.jacobian)
     covariance = by_unknowns @ fit.covariance @ by_unknowns.T
-    parts = noise_parts(model, unseen, at.by_joint).items()
-    noise = sum(fit.factors.get(part, 1.0) * part_covariance for part, part_covariance in parts)
+    noise_of = noise_parts(model, unseen, at.by_joint)
+    noise = sum(fit.factors.get(part, 1.0) * covariance for part, covariance in noise_of.items())
     noise = noise + unseen_covariances(fit, at.by_moves, unseen)
     covariance += np.einsum("ank,nkl,bnl->ab", by_points, noise, by_points, optimize=True)
     chi2 = float(errors @ np.linalg.solve(covariance, errors))
-    p = float(scipy.special.chdtrc(len(rows), chi2))
+    # The robot's scatter was estimated from few shots: χ² has its degrees of freedom.
+    scatter = sum(fit.factors[part] * noise_of[part] for part in ("points", "joints"))
+    estimated = np.einsum("mnk,nkl,mnl->", by_points, scatter, by_points, optimize=True)
+    dof = effective_dof(float(np.trace(covariance)), float(estimated), max(fit.freedom, 1.0))
+    p = chance_of_larger(chi2, len(rows), dof)
     ratio = float(np.sqrt((errors**2).sum() / np.trace(covariance)))
+    requirements = distance_requirements(errors, covariance, {"mean": 0.0, "max": 0.0}, dof)
+    reach_mm = {
+        name: float(abs(requirement.error or 0.0) + (requirement.expanded_uncertainty or 0.0))
+        for name, requirement in zip(("mean", "max"), requirements, strict=True)
+    }
     before = distances_mm(near[:, :3], rows[:, 0], rows[:, 1]) - shots.measured_distances_mm(rows)
     numbers = [shots.pairs[row] or 0 for row in rows[:, 0].tolist()]
     table = ResidualTable.from_arrays("pairs", numbers, before[:, None], errors[:, None])
-    return UnseenPairs(rows, table, HoldOut(len(rows), chi2, p, ratio), lost)
+    return UnseenPairs(rows, table, HoldOut(len(rows), chi2, p, ratio, reach_mm), lost)
 
 
 def distance_errors(shots: Shots, rows: Index, before: Array, after: Array) -> ResidualTable:

@@ -21,10 +21,9 @@ import numpy as np
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
-from campaigns.evaluation.decision import Decision
+from campaigns.evaluation.decision import Decision, allows_decision
 from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
-from campaigns.evaluation.summary import limits_met
 from campaigns.fit.error_model import ErrorModel, Observations
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.fit.events import Event, add_steps, events_of, explain, with_steps_of
@@ -40,7 +39,7 @@ from campaigns.identification.known_lengths import KnownLengths, known_lengths
 from campaigns.identification.observations import error_model, fitted_sessions, observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.paper import identify_as_paper
-from campaigns.identification.positions import uncertainty_of_positions
+from campaigns.identification.positions import Positions, uncertainty_of_positions
 from campaigns.identification.result import (
     Excluded,
     Frame,
@@ -223,7 +222,7 @@ class _JudgedCampaign:
         region = None if positions is None else positions.region
         residuals = self._residuals(fit)
         found = (
-            *self._collect_findings(fit, null, unseen, region),
+            *self._collect_findings(fit, null, unseen, positions, residuals),
             *([] if lengths is None else lengths.findings),
         )
         obstacles = _obstacles(found)
@@ -372,7 +371,12 @@ class _JudgedCampaign:
         )
 
     def _collect_findings(
-        self, fit: Fit, null: NullDirections, unseen: UnseenPairs, region: Region | None
+        self,
+        fit: Fit,
+        null: NullDirections,
+        unseen: UnseenPairs,
+        positions: Positions | None,
+        residuals: ResidualTable,
     ) -> Iterator[Finding]:
         options = self.options
         off_mode = np.abs(null.transform(self.likeliest.x) - self.likeliest.x).max(initial=0.0)
@@ -387,9 +391,13 @@ class _JudgedCampaign:
         yield from findings.effect_findings(fit)
         numbers = self._numbers_in_time()
         yield from findings.change_findings(self.events, numbers, revolute=fit.model.is_revolute)
-        yield from findings.left_out_findings(self.events, numbers, self._pattern(fit))
+        sets = [
+            np.array(self.shots.numbers)[self.shots.rows_of(purpose)].tolist()
+            for purpose in (ShotSet.IDENTIFICATION, ShotSet.VALIDATION, ShotSet.CHECK)
+        ]
+        yield from findings.left_out_findings(self.events, sets, self._pattern(fit))
         if unseen.test is not None and unseen.errors is not None:
-            met = limits_met(unseen.errors.summary().after, options.limits_mm)
+            met = unseen.test.meets(options.limits_mm)
             yield from findings.hold_out_findings(unseen.test, limits_met=met)
         if unseen.lost:
             says = f"hold-out {unseen.lost[0].what}: {unseen.lost[0].reason}"
@@ -404,8 +412,21 @@ class _JudgedCampaign:
                 "--hold-out 20%` keeps some of the shots for it"
             )
             yield Finding(findings.NOTHING_UNSEEN, says, "not decided")
-        if options.workspace is not None:
-            yield from findings.region_findings(region)
+        region = None if positions is None else positions.region
+        yield from findings.position_findings(
+            region,
+            self._obstacle_of_positions(positions, unseen, residuals),
+            was_asked=options.workspace is not None,
+        )
+
+    def _obstacle_of_positions(
+        self, positions: Positions | None, unseen: UnseenPairs, residuals: ResidualTable
+    ) -> str | None:
+        """Return why σ of positions allows no decision; None if it does, or is unknown."""
+        if positions is None:
+            return None
+        before = (residuals if unseen.errors is None else unseen.errors).summary().before
+        return allows_decision(positions.std.rms, self.options.limits_mm, before.rms)
 
     def _numbers_in_time(self) -> list[int]:
         """Return the numbers of the shots for identification and hold-out, in the order of time."""

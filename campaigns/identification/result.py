@@ -17,7 +17,7 @@ from campaigns.arrays import Array
 from campaigns.errors import FindingUnreadable
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.region import Region
-from campaigns.evaluation.summary import BeforeAfter, limits_met, spread
+from campaigns.evaluation.summary import BeforeAfter, spread
 from campaigns.fit.events import Event
 from campaigns.fit.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
 from campaigns.identification.findings import HOLD_OUT, Finding, HoldOut
@@ -452,7 +452,7 @@ class RecordedIdentification(IdentificationResult):
         passed_by_limits = any(
             finding.name == HOLD_OUT and finding.decision is None for finding in self.findings
         )
-        if passed_by_limits and self.unseen_mm and not limits_met(self.unseen_mm.after, limits_mm):
+        if passed_by_limits and self.hold_out and not self.hold_out.meets(limits_mm):
             changed.append("acceptance")
         return tuple(changed)
 

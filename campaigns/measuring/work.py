@@ -154,13 +154,8 @@ class Work:
 
         With too few shots to estimate the scatter, it is taken for a quarter of the limit of drift.
         """
-        # Degrees of freedom: three coordinates a shot less the unknowns. Unknowns that the prior
-        # determines rather than the data use up less than one each: trace(covariance · prior), the
-        # elementwise sum of two symmetric matrices, counts what is given back.
-        instrument, freedom = self.options.instrument, 0.0
-        if posterior is not None:
-            used = (posterior.covariance * posterior.precision).sum()
-            freedom = 3.0 * posterior.kept.sum() - len(posterior.covariance) + float(used)
+        instrument = self.options.instrument
+        freedom = 0.0 if posterior is None else posterior.freedom
         if posterior is None or freedom < FEWEST_FREEDOM:
             limit_mm = self.gate.drift_mm
             return ReferenceNoise(instrument, UNKNOWN_NOISE * limit_mm, limit_mm=limit_mm)

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from campaigns.fit.posterior import Posterior, fit
 from fake_cell import CENTRE, NOMINAL
 from small_plans import LIMITS
 
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.fit import uncertainty
 from campaigns.fit.error_model import ErrorModel, Observations
-from campaigns.fit.posterior import Posterior, fit
 
 NAMES = ("upper_arm1_mm", "forearm1_mm", "scale", "motor1_deg", "motor2_deg")
 SHOTS, STD_MM = 40, 0.01

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import scipy
+from campaigns.fit.variance_components import Components, LinearModel, estimate_components
 
 from campaigns.fit.error_model import Linearised
-from campaigns.fit.variance_components import Components, LinearModel, estimate_components
 
 SHOTS, UNKNOWNS, ALWAYS = 60, 24, 2
 """Shots and unknowns, of which the last ones have a prior that is not learned."""

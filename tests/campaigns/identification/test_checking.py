@@ -75,7 +75,7 @@ def test_held_parameters_and_a_former_result_with_held_ones_can_be_checked(forme
 
 
 def test_a_result_of_another_kind_of_robot_is_refused(former):
-    campaign, found, how = former
+    _, found, how = former
     other = find_robot("linear-delta").kinematics
     poses = sample_workspace(find_robot("linear-delta"), 8)
     joints = other.inverse(poses).values_or_raise()

@@ -143,12 +143,16 @@ def least_squares(model, data):
         noise={},
         frame=np.zeros(len(data), dtype=int),
         warmth=np.zeros(len(data)),
+        moment=np.arange(len(data)) * 1.0,
+        time=np.linspace(0.0, 1.0, len(data)),
+        former=data.joints,
     )
-    frames, _ = first_frames(model, observed, np.ones(len(data), dtype=bool))
+    _, assembly = model.positions(np.zeros(len(model.names)), observed, observed.near)
+    frames, _ = first_frames(observed, assembly.poses[:, :3], assembly.is_solved)
     whitening = np.linalg.inv(np.linalg.cholesky(data.stated_covariance_mm2))
     x = np.zeros(len(model.names))
     for _ in range(12):
-        at = model.linearise(observed, x, frames, observed.near)
+        at = model.predict(x, frames, observed, observed.near)
         rows = (whitening @ at.jacobian).reshape(-1, at.jacobian.shape[2])
         residual = (whitening @ at.residual[..., None]).ravel()
         step = np.linalg.lstsq(rows, -residual, rcond=None)[0]

@@ -11,7 +11,7 @@ from campaigns.design.pose_sampling import sample_workspace
 from campaigns.design.restricted_space import Disc, RestrictedSpace, Zone
 from campaigns.errors import ConfigInvalid
 from campaigns.fit.error_model import ErrorModel, Observations
-from campaigns.fit.posterior import Prior, fit
+from campaigns.fit.fit import Prior, fit_model
 from campaigns.fit.rigid_transforms import Transform
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.fit.uncertainty import position_std_mm
@@ -59,7 +59,7 @@ def measured(shots, x) -> Observations:
     noise = point_covariance_mm2(points, INSTRUMENT)
     rows = Observations.unmeasured(joints, poses, approach)
     rows = replace(rows, points=points, noise={"stated": noise})
-    at = MODEL.linearise(rows, x, (Transform(np.eye(3), -TRACKER_MM),), poses)
+    at = MODEL.predict(x, (Transform(np.eye(3), -TRACKER_MM),), rows, poses)
     rng = np.random.default_rng(4)
     scatter = np.array([rng.multivariate_normal(np.zeros(3), each) for each in noise])
     return replace(rows, points=rows.points + at.residual + scatter)
@@ -75,7 +75,7 @@ def fitted(plan):
     learned = np.concatenate([*MODEL.learned.values()])
     x[np.setdiff1d(np.arange(len(x)), learned)] *= 0.2
     quiet = Prior(factors={"stated": 1.0, "points": 1e-8, "joints": 1e-8})
-    return fit(MODEL, measured(plan, x), quiet)
+    return fit_model(MODEL, measured(plan, x), quiet)
 
 
 def test_what_a_plan_predicts_is_what_a_fit_of_its_shots_states(plan, fitted) -> None:

@@ -57,7 +57,9 @@ def test_stated_deviations_of_parameters_and_positions_are_true(setup, outcomes)
     assert summary.failed == 0
     assert not summary.too_sure
     ratios = [parameter.ratio for parameter in summary.parameters]
-    assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)
+    # σ is averaged over the sizes that the groups may have: wider than that of robots of which
+    # every group has the size 1
+    assert 0.8 < np.mean(ratios) < 1.05
     assert np.mean([parameter.covered for parameter in summary.parameters]) > 0.9
     assert summary.position_mm == pytest.approx(summary.stated_mm, rel=0.25)
     # tails are heavier than normal ones, because the sizes of groups are estimated too
