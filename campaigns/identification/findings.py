@@ -279,9 +279,14 @@ def change_findings(
 # Single wrong shots have no weight and only are reported. Above a share they fail the result: so
 # many mistakes have a cause of their own. So do shots left out that lie together.
 def left_out_findings(
-    events: Sequence[Event], numbers: Sequence[int], pattern: Literal["series", "region"] | None
+    events: Sequence[Event],
+    sets: Sequence[Sequence[int]],
+    pattern: Literal["series", "region"] | None,
 ) -> Iterator[Finding]:
-    """Yield a finding for the shots left out, and what they have in common."""
+    """Yield a finding for the shots left out, and what they have in common.
+
+    `sets` are the numbers of the shots of each set: of none may too many be left out.
+    """
     wrong = [event for event in events if event.kind == "wrong shot"]
     without = [event for event in events if event.kind == "no assembly"]
     if not wrong and not without:
