@@ -24,9 +24,10 @@ from campaigns.errors import ShotsInvalid
 from campaigns.evaluation.decision import Decision, allows_decision
 from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
+from campaigns.fit.effects import Layer, Ripple, Walk
 from campaigns.fit.error_model import ErrorModel, Observations
 from campaigns.fit.error_sources import TRACKER_SOURCES
-from campaigns.fit.events import Event, add_steps, events_of, explain, with_steps_of
+from campaigns.fit.events import Event, add_steps, events_of, explain, scan_periods, with_steps_of
 from campaigns.fit.fit import Fit, Prior, integrate_sizes, refit
 from campaigns.fit.left_out import pattern_of
 from campaigns.fit.rigid_transforms import fit_transform
@@ -41,6 +42,7 @@ from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.paper import identify_as_paper
 from campaigns.identification.positions import Positions, uncertainty_of_positions
 from campaigns.identification.result import (
+    Diagnosis,
     Excluded,
     Frame,
     IdentificationResult,
@@ -245,6 +247,7 @@ class _JudgedCampaign:
             unseen=unseen.errors,
             modelled=self._modelled(fit, solution, unseen.rows),
             events=self.events,
+            diagnosis=self._diagnosis(fit),
             excluded=(*_left_out(self.events), *unseen.lost),
             covariance=self._covariance(fit, null, ratio),
             position_std_mm=None if positions is None else positions.std,
@@ -353,6 +356,27 @@ class _JudgedCampaign:
         numbers = np.array(self.shots.numbers)[rows][kept].tolist()
         return ResidualTable.from_arrays("shots", numbers, before, fit.at.residual[kept])
 
+    def _diagnosis(self, fit: Fit) -> Diagnosis:
+        rows = self._fitted_rows
+        moved = {Walk: np.zeros((len(rows), 3)), Layer: np.zeros((len(rows), 3))}
+        for effect, where in zip(fit.model.effects, fit.model.effect_places, strict=True):
+            if type(effect) in moved:
+                moved[type(effect)] += fit.at.jacobian[..., where] @ fit.at.x[where]
+        # without the ripples that were found: the picture shows why they were added
+        others = tuple(e for e in fit.model.effects if not isinstance(e, Ripple))
+        without = fit if others == fit.model.effects else refit(fit, fit.model.with_effects(others))
+        periods = scan_periods(without)
+        places = np.nan_to_num(self.at_nominal.values[rows, :3])
+        return Diagnosis(
+            numbers=tuple(np.array(self.shots.numbers)[rows].tolist()),
+            places_mm=_rounded(places, 1),
+            good=tuple(np.round(fit.good, 3).tolist()),
+            stand_mm=_rounded(moved[Walk], 5),
+            unexplained_mm=_rounded(moved[Layer], 5),
+            rates=tuple(np.round(periods.rates, 4).tolist()),
+            rate_log_factors=tuple(np.round(periods.log_factors.max(axis=1), 2).tolist()),
+        )
+
     def _modelled(self, fit: Fit, solution: KinematicSolution, pairs: Index) -> ModelledTable:
         fitted = self._fitted_rows[fit.kept]
         rows = np.union1d(fitted[solution.is_solved[fitted]], pairs.ravel())
@@ -438,6 +462,11 @@ class _JudgedCampaign:
         """Return the pattern of the shots left out of the fit."""
         positions = self.at_nominal.values[self._fitted_rows, :3]
         return pattern_of(fit.kept, np.nan_to_num(positions), np.random.default_rng(PATTERN_SEED))
+
+
+def _rounded(rows: Array, digits: int) -> tuple[tuple[float, ...], ...]:
+    """Return rows (N, 3) for a document, without digits that nobody sees."""
+    return tuple(map(tuple, np.round(rows, digits).tolist()))
 
 
 def _left_out(events: Iterable[Event]) -> Iterator[Excluded]:

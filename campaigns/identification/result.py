@@ -237,6 +237,26 @@ class ResidualTable:
         return BeforeAfter(spread(self.before), spread(self.after))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Diagnosis:
+    """Diagnosis of the fit beside the parameters, a row for each fitted shot, for pictures."""
+
+    numbers: tuple[int, ...]
+    """Numbers of the shots, in the order of time."""
+    places_mm: tuple[tuple[float, ...], ...]
+    """Places of the nominal robot, (N, 3); 0 where it cannot be assembled."""
+    good: tuple[float, ...]
+    """Probability of each shot to be good, (N,)."""
+    stand_mm: tuple[tuple[float, ...], ...]
+    """Slow motion of the stand at each shot, in the tracker's axes, (N, 3)."""
+    unexplained_mm: tuple[tuple[float, ...], ...]
+    """Errors without a known source at each shot, in the tracker's axes, (N, 3)."""
+    rates: tuple[float, ...]
+    """Rates of periodic errors that were tried: rad per rad or per mm of the joints, (R,)."""
+    rate_log_factors: tuple[float, ...]
+    """Log Bayes factor of the best choice of arms at each rate, (R,)."""
+
+
 @dataclass(frozen=True, slots=True)
 class ModelledTable:
     """Shots that were fitted or kept unseen, with their poses by both models, a row each."""
@@ -266,6 +286,7 @@ class IdentificationResult:
         sizes: estimated size of each group of error sources, in its tolerance.
         tracker: errors of the tracker by source: value and 1 σ in mm, deg or ppm.
         events: what happened to shots and parts during the campaign, in the order of time.
+        diagnosis: what the fit shows of each shot beside its residual.
         excluded: shots and pairs left out, with the reason.
         residuals_mm, unseen_mm: sizes of the errors of fitted shots and of hold-out pairs.
         budget: shares of the sources in the uncertainty of positions; they add up in squares.
@@ -288,6 +309,7 @@ class IdentificationResult:
     unseen: ResidualTable | None = None
     modelled: ModelledTable | None = None
     events: tuple[Event, ...] = ()
+    diagnosis: Diagnosis | None = None
     excluded: tuple[Excluded, ...] = ()
     covariance: ParameterCovariance | None = None
     position_std_mm: PositionStd | None = None
