@@ -19,7 +19,7 @@ from campaigns.settings.sections import OFFLINE, SIMULATED, ValidationConfig
 from drivers.bounded_files import is_there
 from drivers.catalog import CONTROLLERS, TRACKERS, driver_of_address
 from drivers.texts import printable
-from sim.scenarios.adaptation import adapted, computing_all
+from sim.scenarios.adaptation import adapted, computing_all, with_drawing
 from sim.scenarios.scenario import edited, parse_scenario, scenario_text, shipped_scenarios
 
 DEFAULT_ROBOT = "par4-prototype"
@@ -304,13 +304,17 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
     joint = robot.mechanism.joints[0]
     low, high = robot.limits.joint
     x_mm, y_mm, z_mm = robot.workspace_centre[:3].tolist()
-    return adapted(
+    text = adapted(
         scenario_text(scenario, seed),
         robot.mechanism.name,
         {name: robot.parameters[name] for name in robot.mechanism.parameters.names},
         (joint.to_file(low), joint.to_file(high)),
         (x_mm, y_mm, z_mm),
     )
+    # the drawing is of the controlled point, wherever the reflector is
+    plate = robot.mechanism.seen_from(None).plate
+    assert plate is not None, "a robot file's mechanism has its plate"
+    return with_drawing(text, plate.joints_mm, plate.reflector_mm or (0.0, 0.0, 0.0))
 
 
 def _address_and_driver(

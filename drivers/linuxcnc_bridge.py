@@ -41,7 +41,9 @@ ARM_FIELDS += ["joint_offset_deg", "joint_offset_mm", "arm_mm", "forearm_mm"]
 LENGTH = re.compile(r".*(\.arm|\.forearm|plate|pinion)_mm")
 DRAWING = re.compile(r"pkmkins\.(arm\d\.(plate_[xyz]_mm|bar_azimuth_deg)|reflector_[xyz]_mm)")
 """Pins of the plate's drawing. The HAL file sets them: no client knows them."""
-TILT = re.compile(r".*(axis_tilt|rail_tilt|skew|bar_turn)_deg|sag_.*")
+TILT = re.compile(
+    r".*((axis_tilt|rail_tilt|skew|bar_turn)_deg|plate_joint_[xyz]_mm)|(sag|reflector)_.*"
+)
 """Parameters that mean nothing without the drawing."""
 SETTING = re.compile(r"(?m)^(?:# )?setp (\S+) ([0-9.e+-]+)$")
 """A line of the HAL file. It is read before the pins `ini.N.backlash` exist: these are comments for
@@ -315,7 +317,9 @@ class Parameters:
         arms, is_rotary = machine.joints, machine.unit == "deg"
         pins = {p for p in machine.pins if p.startswith("pkmkins.") and ".ask." not in p}
         self._drawing = set(filter(DRAWING.fullmatch, pins))
-        self._pins = {pin.removeprefix("pkmkins."): pin for pin in pins - self._drawing}
+        # the drawing has pins of the names that the fitted place of the reflector has
+        names = {pin: re.sub(r"^pkmkins\.(fitted\.)?", "", pin) for pin in pins - self._drawing}
+        self._pins = {name: pin for pin, name in names.items()}
         if pins:
             backlashes = {f"arm{n}.backlash_{machine.unit}": f"ini.{n}.backlash" for n in arms}
             self._pins |= backlashes

@@ -30,10 +30,6 @@ from sim.robot.transmission import Load, Transmission
 from sim.scenarios.schema import Scenario
 from sim.tracker.optics import TrackerPose
 
-PLATE_RADIUS_MM = 45.0
-"""Radius of a single platform's joints, where the cell file does not give their places."""
-PART_HALF_WIDTH_MM = 60.0
-"""Half the distance of the two joints of one part of a platform, where the file gives none."""
 RAD_PER_ARCMIN = math.radians(1.0 / 60.0)
 RAD_PER_ARCSEC = math.radians(1.0 / 3600.0)
 RAD_PER_MRAD = 1e-3
@@ -76,7 +72,7 @@ def build_of(robot: RobotSection, geometry: Geometry, seed: int) -> Build:
     tilts_mrad = robot.tolerances.axis_tilt_mrad * tilts
     stated_mm = np.reshape(robot.rod_errors_mm or np.zeros(2 * kind.arms), (kind.arms, 2))
     return Build(
-        plate_joints_mm=plate_joints_mm(robot, geometry),
+        plate_joints_mm=robot.places_on_plate_mm(geometry),
         rod_spacing_mm=robot.rod_spacing_mm,
         rod_errors_mm=stated_mm + robot.tolerances.rod_mm * rods,
         axis_tilts_rad=(_of_arms(robot.axis_tilts_mrad, kind) + tilts_mrad[0]) * RAD_PER_MRAD,
@@ -84,33 +80,18 @@ def build_of(robot: RobotSection, geometry: Geometry, seed: int) -> Build:
     )
 
 
-def plate_joints_mm(robot: RobotSection, geometry: Geometry) -> Array:
-    """Return where each arm's bar is on the platform, (n, 3), from the model's single joint there.
-
-    The cell file's places; else on a circle (one part), or left and right (two parts).
-    """
-    if robot.plate_joints_mm is not None:
-        return np.array(robot.plate_joints_mm)
-    # a Delta's platform: on a circle, each joint in the direction of its arm
-    if geometry.kind.turn is None:
-        return PLATE_RADIUS_MM * geometry.outward
-    # two parts: each arm's bar is on the side of its own motor, at ±x
-    return np.sign(geometry.motors_mm) * [PART_HALF_WIDTH_MM, 0.0, 0.0]
-
-
 def controller_kinematics(scenario: Scenario, true_flat: dict[str, float]) -> ControllerKinematics:
     """Return what the controller can compute beside the plain kinematics of its mechanism.
 
-    Sizes of the plate and turns of the motors come from the drawing, so they are the true ones;
-    errors are parameters that the controller has to be given by `load`.
+    Turns of the motors come from the drawing, so they are the true ones, and places on the plate
+    are those of the drawing; errors are parameters that the controller has to be given by `load`.
     """
     robot, controller, plate, ripple_rate = scenario.robot, scenario.controller, None, None
     if controller.computes_plate_tilt:
-        plate = KnownPlate(
-            plate_joints_mm(robot, geometry_of(true_flat, robot.kind)),
-            robot.rod_spacing_mm,
-            np.array(robot.reflector.offset_mm),
-        )
+        joints_mm = robot.places_on_plate_mm(geometry_of(true_flat, robot.kind))
+        if controller.plate_joints_mm is not None:
+            joints_mm = np.array(controller.plate_joints_mm)
+        plate = KnownPlate(joints_mm, robot.rod_spacing_mm, np.array(controller.reflector_mm))
     if controller.computes_transmission:
         ripple_rate = _motor_rad(robot)
     return ControllerKinematics(robot.kind, plate, ripple_rate)

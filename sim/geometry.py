@@ -44,7 +44,9 @@ CARRIAGE_FIELDS = (
     *(*PLACES, AZIMUTH, Field("elevation", "deg")),
     *(Field("joint_offset", "mm"), FOREARM),
 )
-CRANK_EXTENSIONS = ("axis_tilt_deg", "parallelogram_skew_deg", "bar_turn_deg")
+ON_PLATE = ("plate_joint_x_mm", "plate_joint_y_mm", "plate_joint_z_mm")
+REFLECTOR = ("reflector_x_mm", "reflector_y_mm", "reflector_z_mm")
+CRANK_EXTENSIONS = ("axis_tilt_deg", "parallelogram_skew_deg", "bar_turn_deg", *ON_PLATE)
 CARRIAGE_EXTENSIONS = ("rail_tilt_deg", *CRANK_EXTENSIONS)
 SAG = ("sag_x_mm", "sag_y_mm", "sag_reach_mm", "sag_z_mm")
 RIPPLES = ("encoder_gain_ppm", "ripple_sin_{}", "ripple_cos_{}", "backlash_{}")
@@ -109,9 +111,9 @@ class Kind:
 
     @cached_property
     def extensions(self) -> tuple[str, ...]:
-        """Flat names of parameters that tilt or lower its plate, or turn a rail; 0 if perfect."""
+        """Flat names of parameters that tilt or lower its plate, turn rails or move its joints."""
         fields = CARRIAGE_EXTENSIONS if self.on_rails else CRANK_EXTENSIONS
-        return (*self._of_arms((*fields, f"compliance_{self.unit}")), *SAG)
+        return (*self._of_arms((*fields, f"compliance_{self.unit}")), *SAG, *REFLECTOR)
 
     @cached_property
     def transmission(self) -> tuple[str, ...]:

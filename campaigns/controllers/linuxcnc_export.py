@@ -2,7 +2,7 @@
 
 Pins are named after the parameters, and the heading names the robot. Optional parameters (axis
 tilts, skews, transmission) are in the file where they are not 0; the drawing of the plate, which
-tilts need, always is.
+tilts need, always is. The module adds the fitted places on the plate to those of the drawing.
 """
 
 # LinuxCNC compensates backlash itself, by a pin of each joint (`ini.N.backlash`). These pins do
@@ -17,35 +17,40 @@ from pathlib import Path
 from campaigns.files.csv_file import number_text
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.platforms import REFLECTOR
 from campaigns.robots.robot import RobotFile
 from campaigns.version import VERSION
 
 FILE_NAME = "calib.hal"
 SCHEMA = "pkmcal/linuxcnc/1"
 MODULE = "pkmkins"
+REFLECTOR_NAMES = tuple(field.name for field in REFLECTOR)
 LONGEST_NOTE = 160
 """Characters of a note after which it is cut: halcmd takes lines of some 250 characters."""
 
 
 def pin_of(name: str) -> str:
-    """Return the pin of a parameter or of a value of the plate's drawing."""
-    return f"{MODULE}.{name}"
+    """Return the pin of a parameter."""
+    # without a word of their own these pins would have the names of the drawing's
+    fitted = "fitted." if name in REFLECTOR_NAMES else ""
+    return f"{MODULE}.{fitted}{name}"
 
 
-def drawing_flat(mechanism: ClosedChain) -> dict[str, float]:
-    """Return the values of the plate's drawing by name, mm and deg: joints, bars, reflector."""
+def drawing_pins(mechanism: ClosedChain) -> dict[str, float]:
+    """Return the values of the plate's drawing by pin, mm and deg: joints, bars, reflector."""
     # of the point that the controller commands, wherever the reflector sits on the plate
     plate = mechanism.seen_from(None).plate
     assert plate is not None, "a robot file's mechanism has its plate"
-    flat = {
+    values = {
         f"arm{arm}.plate_{axis}_mm": value
         for arm, place in enumerate(plate.joints_mm)
         for axis, value in zip("xyz", place, strict=True)
     }
     for arm, outward_rad in enumerate(plate.outward_rad or ()):
-        flat[f"arm{arm}.bar_azimuth_deg"] = math.degrees(outward_rad)
-    reflector = zip("xyz", plate.reflector_mm, strict=True)
-    return flat | {f"reflector_{axis}_mm": value for axis, value in reflector}
+        values[f"arm{arm}.bar_azimuth_deg"] = math.degrees(outward_rad)
+    reflector = zip("xyz", plate.reflector_mm or (0.0, 0.0, 0.0), strict=True)
+    values |= {f"reflector_{axis}_mm": value for axis, value in reflector}
+    return {f"{MODULE}.{name}": value for name, value in values.items()}
 
 
 def hal_text(robot: RobotFile, identity: str) -> str:
@@ -65,10 +70,14 @@ def hal_text(robot: RobotFile, identity: str) -> str:
         "In the INI file, after the HALFILE that loads the kinematics: HALFILE = calib.hal",
         "Set these pins only while the machine is off: with power, the joints would jump.",
     ]
-    values = dict(robot.parameters) | drawing_flat(robot.mechanism)
-    for name in robot.mechanism.parameters.select(group="backlash"):
+    values, space = dict(robot.parameters), robot.mechanism.parameters
+    for name in space.select(group="backlash"):
         values.pop(name, None)
-    settings = [f"setp {pin_of(name)} {number_text(value)}" for name, value in values.items()]
+    if robot.mechanism.controlled is not None:  # the reflector is not at the controlled point
+        for name in REFLECTOR_NAMES:
+            values.pop(name, None)
+    pins = {pin_of(name): value for name, value in values.items()} | drawing_pins(robot.mechanism)
+    settings = [f"setp {pin} {number_text(value)}" for pin, value in pins.items()]
     return "\n".join([*(f"# {line}".rstrip() for line in heading), *settings, ""])
 
 

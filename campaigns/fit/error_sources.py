@@ -60,6 +60,14 @@ SOURCES: Mapping[str, ErrorSource] = {
         ErrorSource("plate", "the platform's own length", 5 * DEG, 5.0,
                     "any plate that was measured by a calliper", MEASURE,
                     is_learned=False, drift_of_lengths=0.005),
+        ErrorSource("reflector", "the reflector's place on the plate", 5 * DEG, 30.0,
+                    "a holder of unknown size; 3 mm where robot.yaml states its place",
+                    "measure where the reflector is on the plate, and correct reflector_mm in "
+                    "robot.yaml", is_learned=False),
+        ErrorSource("plate_joints", "the joints' places on the plate", 5 * DEG, 5.0,
+                    "any plate that was measured by a calliper",
+                    "measure where the joints are on the plate, and correct plate_joints_mm in "
+                    "robot.yaml", is_learned=False),
         ErrorSource("azimuths", "directions of the arms about z", 2e-3, 1.0, MACHINED, MEASURE),
         ErrorSource("rails", "rails out of their direction", 2e-3, 1.0, MACHINED, MEASURE),
         ErrorSource("rods", "differences of a forearm's two rods", 2e-3, 0.2,

@@ -26,7 +26,7 @@ from campaigns.kinematics import transmission
 from campaigns.kinematics.axes import MM_PER_RAD, Axis
 from campaigns.kinematics.limbs import STEP, Fields, Limb, dot, vectors
 from campaigns.kinematics.parameters import ParameterTable, Role
-from campaigns.kinematics.platforms import SAG, PlateGeometry, Platform, sag_basis
+from campaigns.kinematics.platforms import REFLECTOR, SAG, PlateGeometry, Platform, sag_basis
 
 HALF_WIDTH_MM = 45.0
 """Half width of the parallelograms, which weights differences of rods. The value of a drawing is
@@ -65,6 +65,20 @@ class Geometry:
     def tilts(self) -> bool:
         """Whether an imperfect part of an arm (`TILTING`) tilts the plate."""
         return any(self.arms[stem].any() for stem in TILTING)
+
+    @property
+    def plate_joints_mm(self) -> Array:
+        """Plate joints seen from where the contracted model has them, (…, 3, 1, n)."""
+        beyond = (self.arms[f"plate_joint_{c}"] for c in "xyz")
+        return np.array(self.plate.joints_mm).T[:, None] + vectors(*beyond)
+
+    @property
+    def reflector_mm(self) -> Array:
+        """Measured point seen from the controlled one, (3, 1, 1)."""
+        if self.plate.reflector_mm is None:
+            return np.zeros((3, 1, 1))
+        beyond = np.stack([self.arms[field.stem] for field in REFLECTOR])
+        return np.asarray(np.reshape(self.plate.reflector_mm, (3, 1, 1)) + beyond)
 
     @property
     def compliance(self) -> Array:
@@ -151,7 +165,7 @@ class ClosedChain:
             return replace(self, platform=measured, controlled=other)
         if self.controlled is None:
             return self
-        plate = self.plate and replace(self.plate, reflector_mm=(0.0, 0.0, 0.0))
+        plate = self.plate and replace(self.plate, reflector_mm=None)
         return replace(self, platform=controlled, controlled=None, plate=plate)
 
     def geometry(self, p: Array) -> Geometry:
@@ -203,7 +217,7 @@ class ClosedChain:
             return _sum_closures(forearms, fields["forearm"])
         # the tilt turns the plate about the measured point, and its joints and bars with it
         tilt = as_vectors(y[..., task_size:])
-        on_plate = self._offsets(geometry, y) + geometry.plate.from_reflector_mm
+        on_plate = self._offsets(geometry, y) + geometry.plate_joints_mm - geometry.reflector_mm
         forearms = forearms + rotation_less_identity(tilt, on_plate)
         outward = geometry.plate.outward_rad
         bar_azimuths = fields["azimuth"] if outward is None else np.array([outward])
@@ -256,7 +270,9 @@ class ClosedChain:
     # 2. Fields of an arm enter the closures of that arm alone. One evaluation with the fields of
     #    all arms stepped at once therefore gives the derivatives by n parameters.
     # 3. The platform's length enters all closures: an evaluation of its own.
-    # 4. Errors of the transmission act like the joint's offset, each times its factor.
+    # 4. Only differences of places on the plate matter: a shift of the reflector acts like the
+    #    opposite shift of all plate joints.
+    # 5. Errors of the transmission act like the joint's offset, each times its factor.
     def jacobian(
         self, p: Array, joints: Array, poses: Array, approach: Array | None = None
     ) -> Array:
@@ -284,6 +300,11 @@ class ClosedChain:
             longer = replace(geometry, length=np.asarray(geometry.length + 1j * STEP))
             by_length = self.closures(longer, upper_ends, y).imag / STEP
             columns[..., self._columns[self._length_stem]] = by_closures @ by_length[..., None]
+
+        if geometry.plate.reflector_mm is not None:
+            for c in "xyz":
+                by_joints = columns[..., self._columns[f"plate_joint_{c}"]]
+                columns[..., self._columns[f"reflector_{c}"][0]] = -by_joints.sum(axis=2)
 
         by_offset = columns[..., table.columns["joint_offset"]]
         for stem, factor in transmission.terms(joints, approach, self.phase_rate).items():
@@ -352,7 +373,7 @@ class ClosedChain:
             travel = self.true_joints(geometry, joints) + p[places["joint_offset"]]
             arms = np.einsum("nkj,nj->nk", by_p[..., places["joint_offset"]], travel)
         forearms = by_p[..., places["forearm"]] @ p[places["forearm"]]
-        on_plate = np.array(geometry.plate.joints_mm).T
+        on_plate = geometry.plate_joints_mm[:, 0]
         frame = sum(
             by_p[..., places[axis]] @ (p[places[axis]] + column)
             for axis, column in zip(("x", "y", "z"), on_plate, strict=True)

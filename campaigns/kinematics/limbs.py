@@ -73,7 +73,14 @@ OF_ANY_LIMB = (
         "rods",
     ),
     _extension_field("bar_turn_deg", "the plate's bar turned about z out of its direction", "bars"),
-)
+    *(
+        ParameterField(
+            f"plate_joint_{c}_mm", f"the bar's {c} on the plate beyond `plate_joints_mm`, mm",
+            "place", "plate_joints", Role.EXTENSION,
+        )
+        for c in "xyz"
+    ),
+)  # fmt: skip
 
 
 class Limb(ABC):

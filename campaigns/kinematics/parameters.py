@@ -55,6 +55,8 @@ class ParameterField:
     quantity: Quantity
     group: str
     role: Role = Role.GEOMETRY
+    name_in_words: str = ""
+    """Name in a sentence; empty: the key without its unit."""
 
     @property
     def unit(self) -> Unit:
@@ -69,7 +71,7 @@ class ParameterField:
     @property
     def words(self) -> str:
         """Name in a sentence: `joint offset`."""
-        return self.stem.replace("_", " ")
+        return self.name_in_words or self.stem.replace("_", " ")
 
 
 @dataclass(frozen=True, slots=True)

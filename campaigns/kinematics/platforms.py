@@ -31,6 +31,14 @@ SAG = tuple(
     )
 )
 """Fields of the sag: the plate's change of height over the workspace, mm at about its edge."""
+REFLECTOR = tuple(
+    ParameterField(
+        f"reflector_{c}_mm", f"the reflector's {c} on the plate beyond `reflector_mm`, mm", "place",
+        "reflector", Role.EXTENSION, f"the reflector's place in {c}",
+    )
+    for c in "xyz"
+)  # fmt: skip
+"""Fields of the reflector's place, which a tilted plate moves in proportion to it."""
 
 
 def sag_basis(x: Array, y: Array, z: Array) -> Array:
@@ -48,8 +56,9 @@ class PlateGeometry:
     joints_mm: tuple[Place, ...]
     """Middles of the plate's bars, seen from where the contracted model has them: in the controlled
     point, or displaced from it by the platform's own length alone."""
-    reflector_mm: Place = (0.0, 0.0, 0.0)
-    """Measured point, seen from the controlled one."""
+    reflector_mm: Place | None = (0.0, 0.0, 0.0)
+    """Measured point, seen from the controlled one. None: the controlled point itself is meant, so
+    that the fitted place of the reflector has no effect."""
     outward_rad: tuple[float, ...] | None = None
     """Azimuths across the plate's bars; None: the azimuths of the arms."""
 
@@ -61,12 +70,6 @@ class PlateGeometry:
         fixed = None if bars_follow_azimuths else tuple(outward_rad.tolist())
         return cls(places, outward_rad=fixed)
 
-    @property
-    def from_reflector_mm(self) -> Array:
-        """Plate joints seen from the reflector, (3, 1, n)."""
-        joints_mm = np.array(self.joints_mm) - np.array(self.reflector_mm)
-        return np.asarray(joints_mm.T[:, None])
-
 
 @dataclass(frozen=True)
 class Platform:
@@ -77,7 +80,7 @@ class Platform:
     the controlled point: 0 and 1 for Par4, -½ and ½ for H4."""
 
     task: ClassVar[tuple[Axis, ...]] = POSITION
-    fields: ClassVar[tuple[ParameterField, ...]] = SAG
+    fields: ClassVar[tuple[ParameterField, ...]] = (*SAG, *REFLECTOR)
     bars_along_x: ClassVar[bool] = False
     """Whether the base frame's x axis is a direction of the platform."""
     turn_limit_rad: ClassVar[float] = math.inf
@@ -137,6 +140,7 @@ class HingedPlate(Platform):
             "plate_mm", "the distance between the halves of the plate, mm", "length", "plate"
         ),
         *SAG,
+        *REFLECTOR,
     )
     turn_limit_rad = 0.5 * math.pi
 
@@ -158,6 +162,7 @@ class SlidingBars(Platform):
             "pinion_mm", "travel of the bars for a turn of 1 rad, mm", "length", "plate"
         ),
         *SAG,
+        *REFLECTOR,
     )
     bars_along_x = True
 

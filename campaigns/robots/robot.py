@@ -22,7 +22,7 @@ from typing import Self
 
 import numpy as np
 from pydantic import JsonValue
-from ruamel.yaml.comments import CommentedMap
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from campaigns.arrays import Array
 from campaigns.errors import ConfigInvalid
@@ -52,6 +52,8 @@ INNER_OF = {"mm": 1.0, "deg": math.pi / 180.0, "ppm": 1e-6}
 """Factors from the units of tolerances in the file to mm, rad and ratios."""
 EXPANSION, EXPANSIONS = "_expansion_ppm", "expansion_ppm_per_degC"
 REFERENCE = "reference_temperature_degC"
+STATED_REFLECTOR_MM = 3.0
+"""1 σ of a reflector's place that a file states without its own σ: measured by a ruler."""
 LONGEST_IN_METRES = 5.0
 """No robot is longer than this in m, and none is this short in mm."""
 
@@ -245,6 +247,19 @@ def with_ripples_per_turn(robot: RobotDocument, ripples_per_turn: float) -> Robo
     return parse_robot(yaml_file.yaml_text(tree), robot.document.name)
 
 
+def with_reflector(robot: RobotDocument, reflector_mm: Vector3) -> RobotDocument:
+    """Return a robot with the measured place of its reflector in the document."""
+    tree = robot.document.editable_tree()
+    tree["reflector_mm"] = CommentedSeq(reflector_mm)
+    tree["reflector_mm"].fa.set_flow_style()
+    return parse_robot(yaml_file.yaml_text(tree), robot.document.name)
+
+
+def states_reflector(robot: RobotDocument) -> bool:
+    """Return whether the document holds the place of the reflector."""
+    return robot.document.tree.get("reflector_mm") is not None
+
+
 def write_new_robot(path: Path, robot: RobotDocument) -> None:
     """Write a robot file that must not exist yet; raise `OutputExists` or `WriteFailed`."""
     write_new_text(path, robot.document.text)
@@ -348,7 +363,7 @@ def _parse_document(document: yaml_file.YamlDocument) -> RobotDocument:
         contents.provenance,
         contents.workspace_centre_mm,
         contents.tolerance,
-        {key: INNER_OF[key.rpartition("_")[2]] * v for key, v in contents.tolerances.items()},
+        _tolerances(contents, document),
         {f"{n}{EXPANSION}": v for n, v in (contents.expansion_ppm_per_degC or {}).items()},
         contents.reference_temperature_degC,
     )
@@ -359,6 +374,26 @@ def _parse_document(document: yaml_file.YamlDocument) -> RobotDocument:
             remedy="somebody changed the geometry: restore the file, or delete the line sha256",
         )
     return RobotDocument(robot, document)
+
+
+# A stated place of the reflector is a measured one: its tolerance is narrower than that of a place
+# of which nothing is known. The section `tolerances` may widen or narrow either.
+def _tolerances(contents: RobotContents, document: yaml_file.YamlDocument) -> dict[str, float]:
+    """Return the file's tolerances by group and unit, mm, rad or ratios.
+
+    Raise `ConfigInvalid` for a σ of a place that is not stated.
+    """
+    stated = dict(contents.tolerances)
+    if contents.reflector_mm is not None:
+        std_mm = contents.reflector_std_mm or STATED_REFLECTOR_MM
+        stated = {"reflector_mm": std_mm} | stated
+    elif contents.reflector_std_mm is not None:
+        raise ConfigInvalid(
+            f"{document.place_of('reflector_std_mm')}: reflector_std_mm is the σ of reflector_mm, "
+            "which is missing",
+            remedy="give reflector_mm, or delete the line",
+        )
+    return {key: INNER_OF[key.rpartition("_")[2]] * value for key, value in stated.items()}
 
 
 def _add_plate_and_drives(

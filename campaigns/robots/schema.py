@@ -61,6 +61,10 @@ VALUE_OF: dict[str, Any] = {
     "ratio": Annotated[float, Field(ge=-1e5, le=1e5)],
 }
 JOINTS_ON_PLATE = "where each arm's bar sits on its part of the plate, [x, y, z] mm"
+ON_PLATE = ("reflector", "plate_joints")
+LARGEST_ON_PLATE_MM = 100.0
+"""Largest change of a place on the plate that `load` takes: it moves the robot by the plate's tilt
+times this, 0.1 mm at 1 mrad."""
 COUNTS = ("no", "one", "two", "three", "four", "five", "six")
 
 
@@ -81,6 +85,8 @@ class Tolerance(FileModel):
 
     def of(self, parameter: Parameter) -> float:
         """Return the limit for a parameter, in the parameter's unit in the file."""
+        if parameter.field.group in ON_PLATE:
+            return LARGEST_ON_PLATE_MM
         limits = {"deg": self.angle_deg, "mm": self.length_mm, "ppm": self.ratio_ppm}
         return limits[parameter.unit]
 
@@ -126,6 +132,12 @@ class RobotContents(FileModel):
         default=None,
         description="the reflector on the plate, [x, y, z] mm from the controlled point; may be "
         "left out",
+    )
+    reflector_std_mm: float | None = Field(
+        default=None,
+        gt=0.0,
+        le=1000.0,
+        description="1 σ of reflector_mm along each axis, mm; may be left out",
     )
     reflector_half: Literal[1, 2] | None = Field(
         default=None,

@@ -8,14 +8,19 @@ from importlib import resources
 from types import MappingProxyType
 from typing import Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 from ruamel.yaml import YAML
 
-from sim.geometry import KINDS, PAR4, Kind, problem_with
+from sim.geometry import KINDS, PAR4, Array, Geometry, Kind, problem_with
 from sim.robot.rods import Growth
 from sim.section import NotNegative, Point, Positive, Section, nearest
 
 PPM = 1e-6
+PLATE_RADIUS_MM = 45.0
+"""Radius of a single platform's joints, where the cell file does not give their places."""
+PART_HALF_WIDTH_MM = 60.0
+"""Half the distance of the two joints of one part of a platform, where the file gives none."""
 ENTRIES_OF_AN_ARM: Mapping[str, int] = MappingProxyType(
     {
         "rod_errors_mm": 2,
@@ -270,6 +275,19 @@ class RobotSection(Section):
         """Parts of which it is built."""
         return KINDS[self.mechanism]
 
+    def places_on_plate_mm(self, geometry: Geometry) -> Array:
+        """Return where each arm's bar is on the platform, (n, 3), from the model's joint there.
+
+        The cell file's places; else on a circle (one part), or left and right (two parts).
+        """
+        if self.plate_joints_mm is not None:
+            return np.array(self.plate_joints_mm)
+        # a Delta's platform: on a circle, each joint in the direction of its arm
+        if geometry.kind.turn is None:
+            return PLATE_RADIUS_MM * geometry.outward
+        # two parts: each arm's bar is on the side of its own motor, at ±x
+        return np.sign(geometry.motors_mm) * [PART_HALF_WIDTH_MM, 0.0, 0.0]
+
     def nominal_flat(self) -> dict[str, float]:
         """Return the robot as it was meant to be."""
         if self.geometry is not None:
@@ -313,6 +331,11 @@ class ControllerSection(Section):
     """Whether the emergency stop is pressed at the start."""
     computes_plate_tilt: bool = False
     """Whether its kinematics has axis tilts and skews, so that `load` gives it all parameters."""
+    plate_joints_mm: tuple[Point, ...] | None = None
+    """Place of each arm's rods on the plate by its drawing, as in the robot file; left out: the
+    true places."""
+    reflector_mm: Point = (0.0, 0.0, 0.0)
+    """Reflector from the controlled point by its drawing, as in the robot file."""
     computes_transmission: bool = False
     """Whether it has what gears and encoders add to joints, with sides of approach."""
     start: StartSection = StartSection()

@@ -16,11 +16,12 @@ test holds that both ways agree (docs/adr/0016-controllers-that-compute-plate-ti
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from sim.errors import AssemblyLost
-from sim.geometry import CRANK_MM, SAG, Array, Geometry, Kind, geometry_of
+from sim.geometry import CRANK_MM, ON_PLATE, REFLECTOR, SAG, Array, Geometry, Kind, geometry_of
 from sim.robot.assembly import OutOfReach, joints_for
 from sim.robot.rods import Build, Plate, RodMechanism, turned
 from sim.robot.transmission import heights_by_joints
@@ -32,13 +33,22 @@ CLOSE_MM = 1e-8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownPlate:
-    """Sizes of a platform that no parameter holds."""
+    """Sizes of a platform by its drawing, to which parameters are added."""
 
     joints_mm: Array
     """(n, 3): the bars' middles on the plate, from the contracted plate joints."""
     rod_spacing_mm: float
     reflector_mm: Array
     """(3,): from the controlled point."""
+
+    def with_parameters(self, flat: Mapping[str, float]) -> Self:
+        """Return the sizes with what flat parameters add to them."""
+        beyond_mm = [
+            [flat.get(f"arm{arm}.{name}", 0.0) for name in ON_PLATE]
+            for arm in range(len(self.joints_mm))
+        ]
+        reflector_mm = self.reflector_mm + [flat.get(name, 0.0) for name in REFLECTOR]
+        return replace(self, joints_mm=self.joints_mm + beyond_mm, reflector_mm=reflector_mm)
 
 
 def is_level(flat: Mapping[str, float], kind: Kind) -> bool:
@@ -54,6 +64,7 @@ def tilted_joints_for(
     Raises `OutOfReach`.
     """
     # Each round settles from the plate of the round before, which is close: so the assembly stays.
+    sizes = sizes.with_parameters(flat)
     geometry, rods = _build_mechanism(flat, kind, sizes)
     compliance = _compliance(flat, kind)
     level = Plate.level(kind, position_mm, turn_rad)

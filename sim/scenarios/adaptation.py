@@ -11,18 +11,21 @@ The cell file is edited as text, so that its comments stay and the user can read
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+import numpy as np
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from sim.errors import ScenarioInvalid
-from sim.geometry import CRANK_MM, KINDS, PLACES, Field, Kind
+from sim.geometry import CRANK_MM, KINDS, PLACES, Field, Kind, geometry_of
 from sim.robot.section import ENTRIES_OF_AN_ARM
 from sim.scenarios.scenario import edited, parse_scenario
 from sim.section import Point
 
 MM_PER_ARCMIN = CRANK_MM * math.radians(1.0 / 60.0)
 MM_PER_ARCSEC = MM_PER_ARCMIN / 60.0
+SAME_ON_PLATE_MM = 1.0
+"""Differences of places on the plate below which two drawings are one."""
 SAME_WITHIN = {"mm": 20.0, "deg": 5.0}
 """Differences below which two sets are one robot, before and after a calibration."""
 
@@ -75,6 +78,32 @@ def adapted(
     return adapted_text
 
 
+def with_drawing(text: str, joints_mm: Sequence[Point], reflector_mm: Point) -> str:
+    """Give the controller of a cell file the places on the plate that a robot file states.
+
+    `joints_mm` has a place for each arm. Places that the controller has already are not written.
+    """
+    # parameters of a loaded set are beyond the robot file's places: the controller adds them to its
+    # own drawing, which must agree with the file
+    scenario = parse_scenario(text, "the scenario")
+    robot, present = scenario.robot, scenario.controller
+    drawn_mm = present.plate_joints_mm and np.array(present.plate_joints_mm)
+    if drawn_mm is None:
+        geometry = geometry_of(robot.nominal_flat(), robot.kind)
+        drawn_mm = robot.places_on_plate_mm(geometry)
+    has_joints = np.abs(np.array(joints_mm) - drawn_mm).max() <= SAME_ON_PLATE_MM
+    if has_joints and present.reflector_mm == reflector_mm:
+        return text
+
+    def fit(tree: CommentedMap) -> None:
+        controller = tree.setdefault("controller", CommentedMap())
+        if not has_joints:
+            controller["plate_joints_mm"] = _row(*(_row(*place) for place in joints_mm))
+        controller["reflector_mm"] = _row(*reflector_mm)
+
+    return edited(text, fit)
+
+
 def computing_all(text: str) -> str:
     """Let a cell file's controller compute plate tilt and gears."""
 
@@ -101,7 +130,7 @@ def _geometry(kind: Kind, flat: Mapping[str, float]) -> CommentedMap:
     return whole
 
 
-def _row(*values: float) -> CommentedSeq:
+def _row(*values: object) -> CommentedSeq:
     row = CommentedSeq(values)
     row.fa.set_flow_style()
     return row

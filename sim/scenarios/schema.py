@@ -103,6 +103,12 @@ class Scenario(Section):
     def _parts_fit(self) -> Self:
         if problem := problem_with(self.controller_flat(), self.robot.kind):
             raise ValueError(f"the controller's geometry: {problem}")
+        joints_mm = self.controller.plate_joints_mm
+        if joints_mm is not None and len(joints_mm) != self.robot.kind.arms:
+            raise ValueError(
+                f"controller.plate_joints_mm has {len(joints_mm)} entries, a "
+                f"{self.robot.mechanism} has {self.robot.kind.arms}"
+            )
         wrong = any(fault.kind == "wrong_target" for fault in self.faults)
         if wrong and self.tracker.other_reflector_mm is None:
             raise ValueError("a wrong_target needs tracker.other_reflector_mm")

@@ -36,7 +36,7 @@ def test_a_robot_is_identified_from_a_table_of_shots(example, tmp_path):
     assert len(lengths) == 9
     assert np.abs(off).max() < 4.0
     assert "<Shots: 80 (20 validation, 60 identification) of 4 joints>" in said
-    assert "<IdentificationResult: pass, 65 parameters, hold-out 0.0" in said
+    assert "<IdentificationResult: pass, 80 parameters, hold-out 0.0" in said
     assert "uncertainty of positions, 1 σ, rms over the workspace, mm" in said
     assert "hold-out pairs, after" in (tmp_path / "identify.svg").read_text()
 

@@ -11,7 +11,7 @@ import pytest
 from linuxcnc_bench import compiled_kinematics
 from linuxcnc_campaign import tell
 
-from campaigns.controllers.linuxcnc_export import drawing_flat, pin_of
+from campaigns.controllers.linuxcnc_export import drawing_pins, pin_of
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import RobotFile, find_robot
@@ -84,6 +84,8 @@ def drawn(name, *, extended, seed=5):
     }
     if extended:
         flat |= {key: draw.normal(0.0, 0.1) for key in extensions_of(nominal)}
+        on_plate = (*space.select(group="plate_joints"), *space.select(group="reflector"))
+        flat |= {key: draw.normal(0.0, 5.0) for key in on_plate}
         gears = gears_of(space)
         flat |= {key: draw.normal(0.0, 100.0 if "ppm" in key else 0.01) for key in gears}
         plate = replace(
@@ -138,8 +140,7 @@ class Module:
         values = dict.fromkeys(names, 0.0) | dict(robot.parameters)
         self.arms, self.turns = len(robot.mechanism.joints), len(robot.mechanism.task) > 3
         self.set_pins({pin_of(name): value for name, value in values.items()})
-        drawing = drawing_flat(robot.mechanism)
-        self.set_pins({pin_of(n): value for n, value in drawing.items()})
+        self.set_pins(drawing_pins(robot.mechanism))
 
     def set_pins(self, values):
         for pin, value in values.items():
@@ -225,7 +226,7 @@ def test_module_has_a_pin_for_every_parameter_and_the_plates_drawing(module, cas
     mechanism = case.robot.mechanism
     space = mechanism.parameters
     of_ini, rate, asking = len(space.select(group="backlash")), 1, module.arms + 7
-    expected = len(space.of_robot) - of_ini + len(drawing_flat(mechanism)) + rate + asking
+    expected = len(space.of_robot) - of_ini + len(drawing_pins(mechanism)) + rate + asking
     assert module.pin_count == expected
 
 

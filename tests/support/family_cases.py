@@ -89,6 +89,9 @@ class Member:
             places = self.space.columns.get(stem, ())
             p[list(places)] += [0.03, -0.02, 0.05, -0.04][: len(places)]
         p[self.space.places(self.space.select(group="sag"))] = [0.3, -0.2, 0.5, -0.4]
+        on_plate = self.space.places(self.space.select(group="plate_joints"))
+        p[on_plate] = np.resize([6.0, -4.0, 3.0, -8.0, 5.0], len(on_plate))
+        p[self.space.places(self.space.select(group="reflector"))] = [40.0, -25.0, 30.0]
         return self.robot_of(p)
 
     @property

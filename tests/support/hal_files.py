@@ -2,9 +2,9 @@
 
 import re
 
-from campaigns.controllers.linuxcnc_export import drawing_flat
+from campaigns.controllers.linuxcnc_export import MODULE, drawing_pins, pin_of
 
-SETTING = re.compile(r"^setp pkmkins\.(\S+) (\S+)$", re.MULTILINE)
+SETTING = re.compile(rf"^setp ({MODULE}\.\S+) (\S+)$", re.MULTILINE)
 BACKLASH = re.compile(
     r"^# (?:setp ini\.|\[JOINT_)(\d+)(?:\.backlash|\]BACKLASH =) (\S+)$", re.MULTILINE
 )
@@ -12,10 +12,13 @@ BACKLASH = re.compile(
 
 def parameters_of(text, mechanism):
     """Parameters by name that a HAL file sets, backlashes from its comments."""
-    values = {name: float(value) for name, value in SETTING.findall(text)}
     table = mechanism.parameters
+    names = {pin_of(name): name for name in (*table.of_robot, table.rate.name)}
+    pins = {pin: float(value) for pin, value in SETTING.findall(text)}
+    values = {names[pin]: value for pin, value in pins.items() if pin in names}
     backlashes = {table[name].arm: name for name in table.select(group="backlash")}
     values |= {backlashes[int(arm)]: float(value) for arm, value in BACKLASH.findall(text)}
-    drawing = drawing_flat(mechanism)
-    assert {name: values[name] for name in drawing} == drawing
-    return {name: value for name, value in values.items() if name not in drawing}
+    assert {pin: value for pin, value in pins.items() if pin not in names} == drawing_pins(
+        mechanism
+    )
+    return values

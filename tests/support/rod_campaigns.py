@@ -46,10 +46,13 @@ SMALL = Errors(
 class RodRobot:
     """A robot of rods and gears: encoders in, the reflector's position out."""
 
-    def __init__(self, robot, errors, seed):
+    def __init__(self, robot, errors, seed, reflector_mm=None):
         rng = np.random.default_rng([seed, 1])
         kind, arms = KINDS[robot.mechanism.name], robot.mechanism.parameters.arms
         self.plate = robot.mechanism.plate
+        self.reflector_mm = np.array(
+            self.plate.reflector_mm if reflector_mm is None else reflector_mm
+        )
         flat = {name: robot.parameters[name] for name in kind.names}
         sizes = {
             "x_mm": errors.places_mm, "y_mm": errors.places_mm, "z_mm": errors.places_mm,
@@ -81,7 +84,7 @@ class RodRobot:
     def positions(self, joints, near, approach=0.0):
         """Positions (N, 3) of the reflector, less its place on a level plate at θ = 0."""
         true = self.gears.joints(joints - self.encoder_shift) - 0.5 * self.backlash * approach
-        points = settled_points(self.rods, true, near, np.array(self.plate.reflector_mm))
+        points = settled_points(self.rods, true, near, self.reflector_mm)
         points[:, 2] += self.sag_mm * (points[:, 0] ** 2 + points[:, 1] ** 2) / 400.0**2
         return points
 
@@ -108,10 +111,17 @@ class RodCampaign:
         return float(np.sqrt((left**2).sum(axis=1).mean()))
 
 
-def rod_campaign(name, errors=Errors(), *, shots=60, pairs=10, seed=1, noise_mm=0.01, stated=True):
-    """Draw a robot of a shipped kind, and measure it all over its workspace."""
-    robot = find_robot(name).robot
-    truth, rng = RodRobot(robot, errors, seed), np.random.default_rng([seed, 2])
+def rod_campaign(
+    name, errors=Errors(), *, shots=60, pairs=10, seed=1, noise_mm=0.01, stated=True,
+    reflector_mm=None,
+):  # fmt: skip
+    """Draw a robot of a shipped kind or a file, and measure it all over its workspace.
+
+    Its reflector is at `reflector_mm` from the controlled point; None: where the robot has it.
+    """
+    robot = find_robot(name).robot if isinstance(name, str) else name
+    truth = RodRobot(robot, errors, seed, reflector_mm)
+    rng = np.random.default_rng([seed, 2])
     count = shots + 2 * pairs
     nominal = robot.kinematics
     poses = workspace_poses(nominal, robot.limits, robot.workspace_centre, count, rng)

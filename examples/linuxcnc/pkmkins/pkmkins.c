@@ -21,6 +21,8 @@
  *     (of rails without eccentricities and in mm), with ripples_per_turn of a crank, or with
  *     drive_period_mm, a carriage's travel in a turn of its drive
  *     armN.compliance_deg or _mm, by which the plate's weight turns a joint back at 300 mm of lever
+ *     armN.plate_joint_x_mm _y_mm _z_mm and fitted.reflector_x_mm _y_mm _z_mm, which are added to
+ *     the drawing below
  * From which side a joint comes no kinematics is told: backlash is LinuxCNC's own [JOINT_N]BACKLASH.
  * Where one of them is not 0, the plate tilts, and its drawing counts:
  *     armN.plate_x_mm _y_mm _z_mm    where the forearm's bar sits on its part of the plate
@@ -55,7 +57,8 @@ RTAPI_MP_STRING(type, "par4, h4, i4r, i4l, delta or linear-delta");
 
 enum field {
     X, Y, Z, AZIMUTH, ELEVATION, OFFSET, ARM, FOREARM, RAIL_TILT, AXIS_TILT, SKEW, BAR_TURN,
-    GAIN, ONCE_SIN, ONCE_COS, OFTEN_SIN, OFTEN_COS, GIVE, PLATE_X, PLATE_Y, PLATE_Z, BAR_AZIMUTH, FIELDS
+    GAIN, ONCE_SIN, ONCE_COS, OFTEN_SIN, OFTEN_COS, GIVE, PLATE_X, PLATE_Y, PLATE_Z,
+    BEYOND_X, BEYOND_Y, BEYOND_Z, BAR_AZIMUTH, FIELDS
 };
 
 /* no name: the field does not exist, and counts as 0 */
@@ -64,13 +67,15 @@ static const char *const crank_fields[FIELDS] = {
     0, "axis_tilt_deg", "parallelogram_skew_deg", "bar_turn_deg", "encoder_gain_ppm",
     "eccentricity_sin_deg", "eccentricity_cos_deg", "ripple_sin_deg", "ripple_cos_deg",
     "compliance_deg",
-    "plate_x_mm", "plate_y_mm", "plate_z_mm", 0
+    "plate_x_mm", "plate_y_mm", "plate_z_mm", "plate_joint_x_mm", "plate_joint_y_mm",
+    "plate_joint_z_mm", 0
 };
 static const char *const rail_fields[FIELDS] = {
     "x_mm", "y_mm", "z_mm", "azimuth_deg", "elevation_deg", "joint_offset_mm", 0, "forearm_mm",
     "rail_tilt_deg", "axis_tilt_deg", "parallelogram_skew_deg", "bar_turn_deg",
     "encoder_gain_ppm", 0, 0, "ripple_sin_mm", "ripple_cos_mm", "compliance_mm",
-    "plate_x_mm", "plate_y_mm", "plate_z_mm", "bar_azimuth_deg"
+    "plate_x_mm", "plate_y_mm", "plate_z_mm", "plate_joint_x_mm", "plate_joint_y_mm",
+    "plate_joint_z_mm", "bar_azimuth_deg"
 };
 static const char *const rate_fields[] = {"ripples_per_turn", "drive_period_mm"}; /* of rails */
 static const char *const sag_fields[SAGS] = {"sag_x_mm", "sag_y_mm", "sag_reach_mm", "sag_z_mm"};
@@ -79,7 +84,7 @@ static const char *const apart_fields[] = {[HINGE] = "plate_mm", [SLIDE] = "pini
 static struct pins {
     hal_float_t *arm[ARMS_AT_MOST][FIELDS];
     hal_float_t *apart, *rate;
-    hal_float_t *reflector[3];
+    hal_float_t *reflector[3], *fitted[3]; /* as drawn, and what a fit adds to it */
     hal_float_t *sag[SAGS];
     hal_float_t *asked[ARMS_AT_MOST], *number, *answer[4], *found, *answered;
 } *pins;
@@ -100,8 +105,9 @@ static double ripple_rate(void)
 
 static vector reflector(void)
 {
-    vector place = {*pins->reflector[0], *pins->reflector[1], *pins->reflector[2]};
-    return place;
+    vector drawn = {*pins->reflector[0], *pins->reflector[1], *pins->reflector[2]};
+    vector fitted = {*pins->fitted[0], *pins->fitted[1], *pins->fitted[2]};
+    return plus(drawn, fitted);
 }
 
 /* An arm as its values say; 0 when they cannot be an arm's. */
@@ -109,10 +115,11 @@ static int read_arm(arm_geometry *arm, const double value[FIELDS])
 {
     double azimuth = value[AZIMUTH] * DEG, axis_tilt = value[AXIS_TILT] * DEG;
     vector place = {value[X], value[Y], value[Z]};
-    vector on_plate = {value[PLATE_X], value[PLATE_Y], value[PLATE_Z]};
+    vector drawn = {value[PLATE_X], value[PLATE_Y], value[PLATE_Z]};
+    vector fitted = {value[BEYOND_X], value[BEYOND_Y], value[BEYOND_Z]};
 
     arm->place = place;
-    arm->on_plate = minus(on_plate, reflector());
+    arm->on_plate = minus(plus(drawn, fitted), reflector());
     arm->forearm = value[FOREARM];
     arm->skew = value[SKEW] * DEG;
     arm->arm = value[ARM];
@@ -274,6 +281,9 @@ static int make_pins(void)
     for (i = 0; i < 3; i++)
         error |= hal_pin_float_newf(HAL_IN, &pins->reflector[i], component,
                                     "pkmkins.reflector_%c_mm", "xyz"[i]);
+    for (i = 0; i < 3; i++)
+        error |= hal_pin_float_newf(HAL_IN, &pins->fitted[i], component,
+                                    "pkmkins.fitted.reflector_%c_mm", "xyz"[i]);
     for (i = 0; i < SAGS; i++)
         error |= hal_pin_float_newf(HAL_IN, &pins->sag[i], component, "pkmkins.%s", sag_fields[i]);
     error |= hal_pin_float_newf(HAL_IN, &pins->rate, component, "pkmkins.%s",

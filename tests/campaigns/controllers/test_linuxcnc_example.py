@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from hal_files import parameters_of
 
-from campaigns.controllers.linuxcnc_export import drawing_flat
+from campaigns.controllers.linuxcnc_export import drawing_pins
 from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.robots.robot import find_robot
 
@@ -56,14 +56,16 @@ def test_kinematics_module_names_its_pins_after_the_parameters(name):
     fields = re.findall(r'"(\w+)"', table)
     space = mechanism.parameters
     of_arms = {f"arm{arm}.{field}" for arm in range(space.arms) for field in fields}
-    drawing = {key for key in drawing_flat(mechanism) if key.startswith("arm")}
+    drawing = {pin.removeprefix("pkmkins.") for pin in drawing_pins(mechanism) if ".arm" in pin}
     platform = {field.name for field in space.platform_fields()}
     sag = {*space.select(group="sag")}
-    known = {*space.of_robot} - {*space.select(group="backlash")} - sag
+    others = {*space.select(group="backlash"), *space.select(group="reflector"), *sag}
+    known = {*space.of_robot} - others
     assert of_arms | platform == known | drawing
     assert all(f'"{field}"' in source for field in platform | sag)
     assert '"pkmkins.arm%d.%s"' in source
     assert '"pkmkins.reflector_%c_mm"' in source
+    assert '"pkmkins.fitted.reflector_%c_mm"' in source
     assert f'{{"{name}", {space.arms}, ' in (EXAMPLES / "pkmkins" / "pkm_robot.h").read_text()
 
 

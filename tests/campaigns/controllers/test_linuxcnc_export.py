@@ -2,16 +2,18 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hal_files import parameters_of
 from par4_space import with_values
 
+from campaigns.api import sample_workspace
 from campaigns.controllers import linuxcnc_export
 from campaigns.controllers.active_kinematics import FILE_BEFORE, HeldParameters
 from campaigns.errors import ConfigInvalid
 from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.kinematics.parameters import Role
-from campaigns.robots.robot import find_robot
+from campaigns.robots.robot import find_robot, parse_robot
 
 DOCUMENT = find_robot("par4-prototype")
 NOMINAL = DOCUMENT.robot
@@ -24,10 +26,10 @@ def text_of(robot=NOMINAL):
 
 def test_file_is_one_setting_a_parameter_and_the_plates_drawing():
     lines = [line for line in text_of().splitlines() if not line.startswith("#")]
-    drawing = linuxcnc_export.drawing_flat(NOMINAL.mechanism)
+    drawing = linuxcnc_export.drawing_pins(NOMINAL.mechanism)
     assert lines[0] == "setp pkmkins.arm0.x_mm -172.5"
     assert lines[28] == "setp pkmkins.plate_mm 100.0"
-    assert lines[29:] == [f"setp pkmkins.{name} {value!r}" for name, value in drawing.items()]
+    assert lines[29:] == [f"setp {pin} {value!r}" for pin, value in drawing.items()]
     assert "setp pkmkins.arm1.axis_tilt_deg 0.02\n" in text_of(with_values(NOMINAL, TILTED))
 
 
@@ -48,6 +50,48 @@ def test_every_mechanism_is_written_in_full_doubles(name):
     extended = {name: 0.1 / 3.0 * (place + 1) for place, name in enumerate(names)}
     for robot in (nominal, with_values(nominal, extended)):
         assert parameters_of(text_of(robot), nominal.mechanism) == dict(robot.parameters)
+
+
+@pytest.mark.parametrize("name", ["par4-prototype", "linear-delta"])
+def test_file_holds_the_fitted_places_on_the_plate(name):
+    """A robot of the pins' sums alone, without deviations, stands where the fitted one does."""
+    nominal = find_robot(name).robot
+    table, rng = nominal.mechanism.parameters, np.random.default_rng(4)
+    tilting = {n: rng.normal(0.0, 0.1) for n in table.select(group="rods")}
+    on_plate = (*table.select(group="plate_joints"), *table.select(group="reflector"))
+    fitted = with_values(nominal, tilting | {n: rng.normal(0.0, 20.0) for n in on_plate})
+    text = text_of(fitted)
+    pins = {line.split()[1]: float(line.split()[2]) for line in text.splitlines() if line[0] == "s"}
+    joints_mm = [
+        [pins[f"pkmkins.arm{arm}.plate_{c}_mm"] + pins[f"pkmkins.arm{arm}.plate_joint_{c}_mm"]
+         for c in "xyz"]
+        for arm in range(table.arms)
+    ]  # fmt: skip
+    reflector_mm = [
+        pins[f"pkmkins.reflector_{c}_mm"] + pins[f"pkmkins.fitted.reflector_{c}_mm"] for c in "xyz"
+    ]
+    plate = replace(
+        nominal.mechanism.plate,
+        joints_mm=tuple(map(tuple, joints_mm)), reflector_mm=tuple(reflector_mm),
+    )  # fmt: skip
+    summed = with_values(replace(nominal, mechanism=nominal.mechanism.with_plate(plate)), tilting)
+    poses = sample_workspace(nominal, 20)
+    joints = nominal.kinematics.inverse(poses).values_or_raise()
+    theirs, ours, drawn = (
+        robot.kinematics.forward(joints, poses).values_or_raise()
+        for robot in (summed, fitted, with_values(nominal, tilting))
+    )
+    assert np.abs(theirs - ours).max() < 1e-9
+    assert np.abs(drawn - ours).max() > 0.02
+
+
+def test_reflector_on_another_part_is_no_pin_of_the_controlled_point():
+    on_half_2 = parse_robot(f"{DOCUMENT.document.text}reflector_half: 2\n", "half.yaml").robot
+    fitted = {"reflector_x_mm": 12.0, "arm1.plate_joint_z_mm": 2.0}
+    text = text_of(with_values(on_half_2, TILTED | fitted))
+    assert "pkmkins.fitted.reflector" not in text
+    assert "setp pkmkins.arm1.plate_joint_z_mm 2.0\n" in text
+    assert "setp pkmkins.fitted.reflector_x_mm 12.0\n" in text_of(with_values(NOMINAL, fitted))
 
 
 def test_heading_says_whose_it_is_and_where_it_comes_from_in_lines_that_halcmd_takes():

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from campaigns.kinematics.catalog import PAR4
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.platforms import PlateGeometry
-from campaigns.robots.robot import find_robot
+from campaigns.robots.robot import find_robot, parse_robot
 from sim.geometry import KINDS, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism, turned
 
@@ -48,7 +48,9 @@ def test_perfect_parts_leave_the_plate_level_and_one_bad_row_the_others_alone():
 
 
 def test_a_drawing_is_read_from_the_robot_s_file_and_typical_without_one():
-    drawn = find_robot("par4-prototype").robot.mechanism.plate
+    document = find_robot("par4-prototype").document
+    text = document.text.replace("# reflector_mm: [x, y, z]", "reflector_mm: [20.0, -30.0, -45.0]")
+    drawn = parse_robot(text, "stated.yaml").robot.mechanism.plate
     assert drawn.reflector_mm == (20.0, -30.0, -45.0)
     assert drawn.joints_mm[0] == (-60.0, 0.0, 0.0)
     typical = find_robot("par4-table1").robot.mechanism.plate

@@ -186,7 +186,11 @@ def test_axis_tilts_are_written_where_there_are_any_and_read_back(tmp_path):
 def test_digests_of_every_shipped_robot_are_as_ever(name):
     robot = find_robot(name).robot
     values, table = robot.parameters, robot.mechanism.parameters
-    tilts = [n for n in table.select(Role.EXTENSION) if n not in table.select(group="bars")]
+    tilts = [
+        n
+        for n in table.select(Role.EXTENSION)
+        if n not in (*table.select(group="bars"), *table.select(group="plate_joints"))
+    ]
     tilts = [name for name in tilts if table[name].arm is not None]
     other = {each: value + 0.1 * (i + 1) / 7 for i, (each, value) in enumerate(values.items())}
     other |= {each: 0.01 * (i + 1) / 3 for i, each in enumerate(tilts)}
@@ -305,6 +309,34 @@ def test_tolerances_are_those_of_the_table_unless_the_file_says_other():
         group = "" if name in TRACKER_SOURCES else SPACE[name].field.group
         unit = {"rods": "rods_deg", "lengths": "lengths_mm", "ratio": "ratio_ppm"}.get(group)
         assert now == (own[unit] if unit else usual), name
+
+
+def test_stated_reflector_has_a_narrow_tolerance_or_its_own_one():
+    def tolerances(lines):
+        text = PROTOTYPE.document.text.replace("# reflector_mm: [x, y, z]", lines)
+        return parse_robot(text, "stated.yaml").robot.tolerances
+
+    place = "reflector_mm: [20.0, -30.0, -45.0]\n"
+    assert tolerances(place) == {"reflector_mm": 3.0}
+    assert tolerances(f"{place}reflector_std_mm: 0.5") == {"reflector_mm": 0.5}
+    named = f"{place}tolerances: {{reflector_mm: 8.0, plate_joints_mm: 1.0}}"
+    assert tolerances(named) == {"reflector_mm": 8.0, "plate_joints_mm": 1.0}
+    assert tolerances("tolerances: {reflector_mm: 8.0}") == {"reflector_mm": 8.0}
+    with pytest.raises(ConfigInvalid, match="reflector_mm, which is missing"):
+        tolerances("reflector_std_mm: 0.5")
+
+
+def test_fitted_places_on_the_plate_are_written_and_read_back(tmp_path):
+    path, places = (
+        tmp_path / "fitted.yaml",
+        {"reflector_z_mm": -41.5, "arm2.plate_joint_x_mm": 3.25},
+    )
+    write_new_robot(path, changed(PROTOTYPE.robot.parameters | places, std={"reflector_z_mm": 2.0}))
+    robot = read_robot(path).robot
+    assert robot.parameters == PROTOTYPE.robot.parameters | places
+    assert robot.parameters.std == {"reflector_z_mm": 2.0}
+    limit = {name: robot.tolerance.of(SPACE[name]) for name in (*places, "arm0.x_mm")}
+    assert limit == dict.fromkeys(places, 100.0) | {"arm0.x_mm": 10.0}
 
 
 def test_robot_in_metres_is_refused_and_told_so(tmp_path):

@@ -41,8 +41,12 @@ def drawn(name):
         key: draw.normal(0.0, sizes.get(space[key].field.name, tilt))
         for key in space.select(Role.EXTENSION)
     }
-    for group, size in (("sag", 0.05), ("compliance", 0.1 if kind.on_rails else 0.02)):
+    compliance = 0.1 if kind.on_rails else 0.02
+    sizes = {"sag": 0.05, "compliance": compliance, "plate_joints": 5.0, "reflector": 20.0}
+    for group, size in sizes.items():
         extensions |= {key: draw.normal(0.0, size) for key in space.select(group=group)}
+    if kind.turns_point:  # a part that turns must carry the reflector on its axis
+        extensions |= {"reflector_x_mm": 0.0, "reflector_y_mm": 0.0}
     robot = RobotFile.of(
         replace(nominal, mechanism=nominal.mechanism.with_plate(plate)).mechanism,
         nominal.parameters | extensions,
