@@ -8,17 +8,25 @@ from uuid import uuid4
 
 import numpy as np
 
-from app.options import completer
+from app.options import REFLECTOR_HELP, REFLECTOR_METAVAR, completer, read_place
 from campaigns.errors import OptionsInvalid, OutputExists
 from campaigns.files import text_file
 from campaigns.planning.validation_plan import fitting_lines
-from campaigns.robots.robot import RobotFile, find_robot, shipped_robots, with_ripples_per_turn
+from campaigns.robots.robot import (
+    RobotDocument,
+    RobotFile,
+    find_robot,
+    shipped_robots,
+    with_reflector,
+    with_ripples_per_turn,
+)
 from campaigns.settings.config import CampaignConfig, new_config, write_new_campaign
 from campaigns.settings.option import Option
 from campaigns.settings.sections import OFFLINE, SIMULATED, ValidationConfig
 from drivers.bounded_files import is_there
 from drivers.catalog import CONTROLLERS, TRACKERS, driver_of_address
 from drivers.texts import printable
+from drivers.values import Vector3
 from sim.scenarios.adaptation import adapted, computing_all, with_drawing
 from sim.scenarios.scenario import edited, parse_scenario, scenario_text, shipped_scenarios
 
@@ -62,6 +70,8 @@ class NewOptions:
         scenario: The simulated cell: a shipped scenario or a cell file; None: the default.
         controller, tracker: Addresses of the devices, `tcp://HOST:PORT`; None: simulated.
         offline: Whether no device is connected.
+        reflector: Measured place of the reflector from the controlled point, mm; None: the robot
+            file's.
         controller_driver, tracker_driver: Protocols of the devices; None: by the address.
     """
 
@@ -90,6 +100,9 @@ class NewOptions:
     offline: Annotated[
         bool, Option("Connect no device: write plans as tables, import measured files.")
     ] = False
+    reflector: Annotated[
+        Vector3 | None, Option(REFLECTOR_HELP, metavar=REFLECTOR_METAVAR, read=read_place)
+    ] = None
     controller_driver: Annotated[
         str | None,
         Option(
@@ -175,21 +188,24 @@ def create_campaign(
     # 1. two addresses of one kind: they are taken as they are, also "offline" for both
     # 2. one of two is sim://NAME: a rehearsal, whose cell is NAME unless --scenario names another
     # 3. no address: both devices are of one simulated cell
+    nominal = find_robot(options.robot)
+    if options.reflector is not None:
+        nominal = with_reflector(nominal, options.reflector)
     urls, simulated = options.urls, options.rehearsed
     drivers = {"controller": options.controller_driver, "tracker": options.tracker_driver}
     controller, tracker = urls.values()
     if controller is not None and tracker is not None and simulated is None:
-        return create_for_devices(folder, options.robot, controller, tracker, drivers, limits)
+        return create_for_devices(folder, nominal, controller, tracker, drivers, limits)
     named = (urls[simulated] or "").removeprefix(SIMULATED) if simulated else "cell"
     scenario = options.scenario or (DEFAULT_SCENARIO if named == "cell" else named)
     real = {device: None if device == simulated else url for device, url in urls.items()}
     cell = CellChoice(scenario=scenario, with_limits=True)
-    return create_on_cell(folder, options.robot, cell, real, drivers)
+    return create_on_cell(folder, nominal, cell, real, drivers)
 
 
 def create_for_devices(
     folder: Path,
-    robot: str,
+    robot: str | RobotDocument,
     controller: str,
     tracker: str,
     drivers: Mapping[str, str | None] = NOT_SPECIFIED,
@@ -199,7 +215,7 @@ def create_for_devices(
 
     `drivers`: names for controller and tracker; None: by the address. `limits`: `acceptance`.
     """
-    nominal = find_robot(robot)
+    nominal = find_robot(robot) if isinstance(robot, str) else robot
     config = new_config(
         {
             **_identity(folder),
@@ -244,7 +260,7 @@ def create_simulated(
 
 def create_on_cell(
     folder: Path,
-    robot: str,
+    robot: str | RobotDocument,
     choice: CellChoice,
     urls: Mapping[str, str | None] = NOT_SPECIFIED,
     drivers: Mapping[str, str | None] = NOT_SPECIFIED,
@@ -256,7 +272,8 @@ def create_on_cell(
     Raise `ConfigInvalid`, `OutputExists`, `WriteFailed` or `ScenarioInvalid`.
     """
     # 1. the cell: the scenario, made one of the robot's mechanism and size
-    nominal, scenario = find_robot(robot), choice.scenario
+    nominal = find_robot(robot) if isinstance(robot, str) else robot
+    scenario = choice.scenario
     text = cell_text(nominal.robot, scenario, choice.seed)
     if choice.for_dry_run:
         text = computing_all(text)

@@ -8,6 +8,7 @@
 import inspect
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, fields, is_dataclass
+from math import inf
 from pathlib import Path
 from types import GenericAlias
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
@@ -17,8 +18,11 @@ import typer
 from app.console import Terminal
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
+from campaigns.files.wording import shown
 from campaigns.settings.option import Option
+from drivers.values import Vector3
 
+QUESTION = "reflector from the controlled point, measured to 3 mm, x y z mm; Enter: fit it: "
 PICTURES = (".svg", ".png", ".pdf")
 Folder = Annotated[
     Path,
@@ -50,6 +54,33 @@ Anew = Annotated[
 Plain = Annotated[
     bool, typer.Option("--plain", help="Print lines instead of the screen; keys do nothing.")
 ]
+
+
+REFLECTOR_HELP = "Reflector on the plate from the controlled point, mm, if it was measured."
+REFLECTOR_METAVAR = "X,Y,Z"
+
+
+def read_place(text: str) -> Vector3:
+    """Return the place of a text of three numbers; raise `OptionsInvalid` for any other text."""
+    words = text.strip("[]() ").replace(",", " ").split()
+    try:
+        x, y, z = map(float, words)
+    except ValueError:
+        x = y = z = inf
+    if not max(abs(x), abs(y), abs(z)) < inf:  # NaN too
+        raise OptionsInvalid(f"'{shown(text)}' is no place", remedy="give it as 20,-30,-45")
+    return x, y, z
+
+
+def ask_reflector(terminal: Terminal) -> Vector3 | None:
+    """Ask for the reflector's place; return None if it is not known, or without a terminal."""
+    prompt = terminal.prompt()
+    while prompt is not None and (typed := prompt(QUESTION).removesuffix("mm").strip()):
+        try:
+            return read_place(typed)
+        except OptionsInvalid as error:
+            terminal.note(f"{error.problem}: {error.remedy}, or nothing")
+    return None
 
 
 def folder_and_file(first: Path, second: Path | None) -> tuple[Path, Path]:

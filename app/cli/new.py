@@ -1,15 +1,16 @@
 """pkmcal new: make a campaign's folder."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
 
 from app.console import Terminal
 from app.new_campaign import NewOptions, create_campaign
 from app.next import tell_next
-from app.options import NewFolder
+from app.options import NewFolder, ask_reflector
 from campaigns.campaign import open_campaign
 from campaigns.files.text_file import refuse_existing
+from campaigns.robots.robot import find_robot, states_reflector
 from campaigns.settings.sections import OFFLINE
 
 LIMITS = {
@@ -46,7 +47,11 @@ def command(terminal: Terminal, folder: NewFolder, options: NewOptions) -> None:
     pkmcal new cell-3 --controller tcp://10.0.0.5:5020 --tracker tcp://10.0.0.6:700
     pkmcal new cell-5 --offline
     """
-    limits = {} if options.is_simulated else ask_limits(terminal, folder)
+    limits: dict[str, float] = {}
+    if not options.is_simulated:
+        limits = ask_limits(terminal, folder)
+        if options.reflector is None and not states_reflector(find_robot(options.robot)):
+            options = replace(options, reflector=ask_reflector(terminal))
     config = create_campaign(folder, options, limits)
     answer = NewAnswer(folder, config.controller.url, config.tracker.url)
     devices = OFFLINE if options.offline else f"with {answer.controller} and {answer.tracker}"

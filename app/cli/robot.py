@@ -8,12 +8,14 @@ from typing import Annotated, cast
 import typer
 
 from app.console import Terminal
+from app.options import REFLECTOR_HELP, REFLECTOR_METAVAR, ask_reflector, read_place
 from campaigns.errors import OptionsInvalid
+from campaigns.files.text_file import refuse_existing
 from campaigns.files.wording import suggestion
 from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.next_step import NextStep
-from campaigns.robots.robot import write_new_robot
+from campaigns.robots.robot import with_reflector, write_new_robot
 from campaigns.robots.symmetrical import Sizes, symmetrical_robot
 from drivers.texts import quoted
 
@@ -46,6 +48,10 @@ First = Annotated[
         show_default="0; 225 where the platform has two parts",
     ),
 ]
+Reflector = Annotated[
+    str | None,
+    typer.Option(metavar=REFLECTOR_METAVAR, help=f"{REFLECTOR_HELP} Left out: asked for."),
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +76,7 @@ def command(
     pinion: Pinion = None,
     travel: Travel = None,
     first: First = None,
+    reflector: Reflector = None,
     to: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Default: my-MECHANISM.yaml here.")
     ] = None,
@@ -89,8 +96,12 @@ def command(
     sizes = Sizes(base, platform, lengths, first)
     _check(sizes, travel, kind)
     path = to or Path(f"my-{kind.name}.yaml")
+    refuse_existing(path)  # before a question is asked
+    place = ask_reflector(terminal) if reflector is None else read_place(reflector)
     joint = None if travel is None else (-0.5 * travel, 0.5 * travel)
     document = symmetrical_robot(kind, path.stem, sizes, joint)
+    if place is not None:
+        document = with_reflector(document, place)
     write_new_robot(path, document)
     terminal.say(f"made: {path}, mechanism {kind.name}")
     step = NextStep(f"pkmcal new DIR --robot {quoted(str(path))}", "correct its limits")

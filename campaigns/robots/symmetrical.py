@@ -65,7 +65,10 @@ def symmetrical_robot(
     centre_mm = list(middle_of_reach_mm(kinematics, limits))
     text = "".join(
         f"{line}\n"
-        for line in (*_heading(mechanism, name, sizes), *_body(mechanism, name, flat, limits))
+        for line in (
+            *_heading(mechanism, name, sizes),
+            *_body(mechanism, sizes, name, flat, limits),
+        )
     )
     return parse_robot(f"{text}workspace_centre_mm: {centre_mm}\n", f"{name}.yaml")
 
@@ -106,10 +109,14 @@ def _comment(text: str) -> list[str]:
 
 
 def _body(
-    mechanism: ClosedChain, name: str, flat: Mapping[str, float], limits: Limits
+    mechanism: ClosedChain, sizes: Sizes, name: str, flat: Mapping[str, float], limits: Limits
 ) -> list[str]:
     """Return the lines of keys and values, without the workspace's centre."""
     space, joint = mechanism.parameters, mechanism.joints[0]
+    joints_mm = [
+        [*(round(place, 9) for place in _joint_mm(direction_deg, mechanism, sizes)), 0.0]
+        for direction_deg in _directions_deg(mechanism, sizes)
+    ]
     arms = [
         ", ".join(
             f"{field.name}: {flat[f'arm{arm}.{field.name}']!r}" for field in space.arm_fields()
@@ -134,27 +141,23 @@ def _body(
         f"  joint_{joint.unit}: {[round(joint.to_file(end), 9) for end in limits.joint]}",
         *turns,
         f"  forearm_swing_deg: {round(math.degrees(limits.forearm_swing_rad), 9)}",
+        "# where the forearms' bars sit on their part of the platform: for its tilt alone",
+        f"plate_joints_mm: {joints_mm}",
     ]
 
 
 def _parameters_of(mechanism: ClosedChain, sizes: Sizes) -> dict[str, float]:
     """Return the parameters by name, mm and deg; raise `KeyError` for a missing length."""
-    # Arms stand evenly around z. The first arm of a Delta points along x; the arms of a platform
-    # with a length of its own begin at 225°, as those of the shipped Par4 do.
     space = mechanism.parameters
-    usual = 225.0 if space.platform_fields() else 0.0
-    first = usual if sizes.first_deg is None else sizes.first_deg
     flat: dict[str, float] = {}
-    for arm in range(space.arms):
-        direction_deg = (first + 360.0 * arm / space.arms) % 360.0
-        x_mm, y_mm = _contracted_mm(
-            math.radians(direction_deg), sizes, bool(space.platform_fields())
-        )
+    for arm, direction_deg in enumerate(_directions_deg(mechanism, sizes)):
+        x, y = math.cos(math.radians(direction_deg)), math.sin(math.radians(direction_deg))
+        aside_mm, ahead_mm = _joint_mm(direction_deg, mechanism, sizes)
         # a rail stands upright (elevation 90°), so its azimuth makes no difference
         on_rail = mechanism.joints[arm].unit == "mm"
         values = {
-            "x_mm": x_mm,
-            "y_mm": y_mm,
+            "x_mm": round(sizes.base_mm * x - aside_mm, 9),
+            "y_mm": round(sizes.base_mm * y - ahead_mm, 9),
             "azimuth_deg": 0.0 if on_rail else direction_deg,
             "elevation_deg": 90.0,
         } | dict(sizes.lengths_mm)
@@ -166,11 +169,21 @@ def _parameters_of(mechanism: ClosedChain, sizes: Sizes) -> dict[str, float]:
     return flat | lengths
 
 
-def _contracted_mm(direction_rad: float, sizes: Sizes, of_two_parts: bool) -> tuple[float, float]:  # noqa: FBT001
-    """Return x and y of an arm's place less those of its plate joint, mm."""
+def _directions_deg(mechanism: ClosedChain, sizes: Sizes) -> list[float]:
+    """Return the directions of the arms about z."""
+    # Arms stand evenly around z. The first arm of a Delta points along x; the arms of a platform
+    # with a length of its own begin at 225°, as those of the shipped Par4 do.
+    space = mechanism.parameters
+    usual = 225.0 if space.platform_fields() else 0.0
+    first = usual if sizes.first_deg is None else sizes.first_deg
+    return [(first + 360.0 * arm / space.arms) % 360.0 for arm in range(space.arms)]
+
+
+def _joint_mm(direction_deg: float, mechanism: ClosedChain, sizes: Sizes) -> tuple[float, float]:
+    """Return x and y of an arm's joint on its part of the platform, mm."""
     # The joints of a platform of two parts lie on lines along x, one at each end of a part, and
     # count from the part's middle: the way between the parts is the platform's own length.
-    x, y = math.cos(direction_rad), math.sin(direction_rad)
-    aside = math.copysign(sizes.platform_mm, x) if of_two_parts else sizes.platform_mm * x
-    ahead = 0.0 if of_two_parts else sizes.platform_mm * y
-    return round(sizes.base_mm * x - aside, 9), round(sizes.base_mm * y - ahead, 9)
+    x, y = math.cos(math.radians(direction_deg)), math.sin(math.radians(direction_deg))
+    if mechanism.parameters.platform_fields():
+        return math.copysign(sizes.platform_mm, x), 0.0
+    return sizes.platform_mm * x, sizes.platform_mm * y

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from campaigns.kinematics.catalog import MECHANISMS
-from campaigns.robots.robot import find_robot
+from campaigns.robots.robot import find_robot, states_reflector
 
 SIZES = {
     "delta": "--base 200 --platform 45 --arm 300 --forearm 800",
@@ -63,6 +63,24 @@ def test_sizes_that_make_no_robot_are_refused(made, tmp_path, mechanism, sizes, 
     assert words in line
     assert "→" in line
     assert not (tmp_path / "mine.yaml").exists()
+
+
+@pytest.mark.parametrize("mechanism", MECHANISMS)
+def test_a_file_has_the_joints_on_the_plate_and_a_reflector_that_is_stated(made, mechanism):
+    code, document, _ = made(mechanism, f"{SIZES[mechanism]} --reflector -20,30,-45")
+    assert code == 0
+    plate = find_robot(document["file"]).robot.mechanism.plate
+    assert plate.reflector_mm == (-20.0, 30.0, -45.0)
+    shipped = find_robot("par4-prototype" if mechanism == "par4" else mechanism).robot
+    assert np.abs(np.subtract(plate.joints_mm, shipped.mechanism.plate.joints_mm)).max() < 0.05
+
+
+def test_a_reflector_is_not_stated_where_nobody_answers(made):
+    code, _, line = made("delta", f"{SIZES['delta']} --reflector 1,2,x")
+    assert code == 2
+    assert "'1,2,x' is no place" in line
+    _, document, _ = made("delta", SIZES["delta"])
+    assert not states_reflector(find_robot(document["file"]))
 
 
 def test_a_file_that_is_there_stays(made, tmp_path):

@@ -12,6 +12,7 @@ from app.console import Terminal
 from campaigns.campaign import open_campaign
 from campaigns.controllers.load import keep
 from campaigns.errors import OutputExists
+from campaigns.robots.robot import states_reflector
 from sim.scenarios.scenario import load_scenario
 
 CONTROLLER, TRACKER = "tcp://192.168.0.10:5020", "tcp://192.168.0.1:700"
@@ -99,15 +100,36 @@ def test_new_plans_by_what_the_simulated_tracker_is_like(tmp_path, scenario, lim
 
 
 @pytest.mark.parametrize(
-    ("typed", "limits"), [(["0.1", "x", "0,3 mm"], (0.1, 0.3)), (["", ""], (None, None))]
+    ("typed", "limits", "place"),
+    [
+        (["0.1", "x", "0,3 mm", "20 -30", "20, -30 -45.5 mm"], (0.1, 0.3), (20.0, -30.0, -45.5)),
+        (["", "", ""], (None, None), None),
+    ],
 )
-def test_new_for_a_real_cell_asks_for_limits(pkmcal, tmp_path, monkeypatch, typed, limits):
+def test_new_for_a_real_cell_asks_for_limits_and_the_reflector(
+    pkmcal, tmp_path, monkeypatch, typed, limits, place
+):
     answers = iter(typed)
     monkeypatch.setattr(Terminal, "prompt", lambda _: lambda _question: next(answers))
     words = ("new", tmp_path / "cell-3", "--controller", CONTROLLER, "--tracker", TRACKER)
     assert pkmcal(*words).code == 0
-    made = open_campaign(tmp_path / "cell-3").config.acceptance
+    campaign = open_campaign(tmp_path / "cell-3")
+    made = campaign.config.acceptance
     assert (made.distance_mean_mm, made.distance_max_mm) == limits
+    assert states_reflector(campaign.nominal) is (place is not None)
+    assert campaign.robot.mechanism.plate.reflector_mm == (place or (0.0, 0.0, 0.0))
+    assert list(answers) == []
+
+
+def test_new_takes_the_reflector_as_an_option_and_asks_no_more(pkmcal, tmp_path, monkeypatch):
+    answers = iter(["", ""])
+    monkeypatch.setattr(Terminal, "prompt", lambda _: lambda _question: next(answers))
+    words = ("new", tmp_path / "cell-3", "--offline", "--reflector", "-20,30,1.5")
+    assert pkmcal(*words).code == 0
+    assert open_campaign(tmp_path / "cell-3").robot.tolerances == {"reflector_mm": 3.0}
+    refused = pkmcal("new", tmp_path / "cell-4", "--offline", "--reflector", "20,30")
+    assert refused.code == 2
+    assert "'20,30' is no place" in refused.err
 
 
 def test_new_does_not_replace_somebodys_cell(tmp_path):
