@@ -6,7 +6,7 @@
 
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from pydantic import TypeAdapter, ValidationError
@@ -63,7 +63,7 @@ class ControllerState:
 class KnownSets:
     """Parameter sets that a controller may hold: nominal, identified, exported and loaded."""
 
-    nominal: Parameters
+    nominal: RobotFile
     identified: Mapping[str, RecordedIdentification]
     """The campaign's identifications by the digests of their parameters, latest last."""
     forms: Mapping[str, ReducedForm]
@@ -91,11 +91,13 @@ class KnownSets:
                     wanted, digest = finding.body.get("wanted"), str(finding.body.get("digest"))
                     if isinstance(wanted, Mapping):
                         values = TypeAdapter(dict[str, float]).validate_python(wanted)
-                        sets[digest] = Parameters.of(nominal.parameters.table, values)
+                        # a loaded set may lack a place of the reflector: the whole set stays
+                        loaded = Parameters.of(nominal.parameters.table, values)
+                        sets.setdefault(digest, loaded)
                     form = form_of(finding.body, finding.kind)
                     if form is not None:
                         forms[digest] = form
-        return cls(nominal.parameters, identified, forms, tuple(sets.values()))
+        return cls(nominal, identified, forms, tuple(sets.values()))
 
     def match(self, values: Mapping[str, float]) -> Parameters:
         """Return the set that agrees with a controller's values but for rounding.
@@ -103,9 +105,9 @@ class KnownSets:
         `values` are in mm and deg. Without a match they are returned as a set of their own.
         """
         for candidate in self.sets:
-            if not differing(values, candidate):
+            if not differing(values, replace(self.nominal, parameters=candidate).for_controller):
                 return candidate
-        return Parameters.of(self.nominal.table, values)
+        return Parameters.of(self.nominal.parameters.table, values)
 
     def are_one(self, digest: str, other: str) -> bool:
         """Return whether the sets of two digests differ by no more than a controller's rounding.

@@ -70,12 +70,9 @@ def hal_text(robot: RobotFile, identity: str) -> str:
         "In the INI file, after the HALFILE that loads the kinematics: HALFILE = calib.hal",
         "Set these pins only while the machine is off: with power, the joints would jump.",
     ]
-    values, space = dict(robot.parameters), robot.mechanism.parameters
+    values, space = dict(robot.for_controller), robot.mechanism.parameters
     for name in space.select(group="backlash"):
         values.pop(name, None)
-    if robot.mechanism.controlled is not None:  # the reflector is not at the controlled point
-        for name in REFLECTOR_NAMES:
-            values.pop(name, None)
     pins = {pin_of(name): value for name, value in values.items()} | drawing_pins(robot.mechanism)
     settings = [f"setp {pin} {number_text(value)}" for pin, value in pins.items()]
     return "\n".join([*(f"# {line}".rstrip() for line in heading), *settings, ""])

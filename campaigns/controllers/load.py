@@ -55,7 +55,7 @@ def changes(active: Mapping[str, float], robot: RobotFile) -> tuple[Change, ...]
     `active` holds the controller's values by name. Optional parameters (tilts, skews,
     transmission) are included where they are not 0 before or after.
     """
-    new, std, space = robot.parameters, robot.parameters.std or {}, robot.mechanism.parameters
+    new, std, space = robot.for_controller, robot.parameters.std or {}, robot.mechanism.parameters
     beyond = (name for name in space.optional if name in active or name in new)
     changes = tuple(Change(n, active[n], new[n], std.get(n)) for n in space.names)
     return changes + tuple(

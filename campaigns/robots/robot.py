@@ -96,6 +96,18 @@ class RobotFile:
         """Kinematic model of the robot."""
         return Kinematics(self.mechanism, self.parameters.vector)
 
+    # A controller turns its plate about the controlled point. The fitted place of a reflector on
+    # another part would move that point by the tilt times the place.
+    @property
+    def for_controller(self) -> Parameters:
+        """Parameters that a controller is given: without a place that its point does not have."""
+        values = self.parameters
+        if self.mechanism.controlled is None:
+            return values
+        elsewhere = values.table.select(group="reflector")
+        kept = {name: value for name, value in values.items() if name not in elsewhere}
+        return Parameters.of(values.table, kept)
+
     @property
     def is_extended(self) -> bool:
         """Whether a parameter beyond those that every controller has is not 0."""

@@ -234,7 +234,7 @@ class _Loading:
         robot = read_robot(source).robot
         load_checks.require_same_mechanism(source, robot, self.campaign.robot)
         backup = f"what the controller held before the load of {latest.source}"
-        if not differing(held, robot.parameters):
+        if not differing(held, robot.for_controller):
             self.terms.tell(f"{backup} ({latest.at_utc}) was put back already by other means")
             # recorded nevertheless: the next rollback must find the load below this one
             if not self.terms.dry:
@@ -289,7 +289,7 @@ class _Loading:
         forced = tuple(objection.problem for objection in wanted.objections)
         for problem in forced:
             self.terms.tell(f"overruled by --force: {problem}")
-        parameters, controller = robot.parameters, self.controller.identity()
+        parameters, controller = robot.for_controller, self.controller.identity()
         if not differing(held, parameters):
             return LoadResult(source, "already", state=self._state(held))
         pairs = self.options.verify if self.cell else 0

@@ -52,6 +52,10 @@ def test_a_reflector_on_half_2_is_said_in_the_robot_file(pkmcal, new, member):
     after = ended.document["after"]
     assert max(after["distances_mm"]["max_abs"], after["frame_mm"]["max"]) < 0.1
     assert after["rotation_mm"] < 0.1
+    memory = json.loads((folder / "cell-memory.json").read_text(encoding="utf-8"))
+    assert "arm0.plate_joint_x_mm" in memory["geometry"]
+    assert "reflector_x_mm" not in memory["geometry"]
+    assert "nothing is left to do" in pkmcal("status", folder).out
     assert pkmcal("load", folder, "--rollback", "--yes").code == 0
     by = ("--stage", "after", "--by", "targets", "--force", "--yes")
     by_targets = pkmcal("validate", folder, *by, "--json").document

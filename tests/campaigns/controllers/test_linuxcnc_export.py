@@ -10,6 +10,7 @@ from par4_space import with_values
 from campaigns.api import sample_workspace
 from campaigns.controllers import linuxcnc_export
 from campaigns.controllers.active_kinematics import FILE_BEFORE, HeldParameters
+from campaigns.controllers.controller_state import KnownSets
 from campaigns.errors import ConfigInvalid
 from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.kinematics.parameters import Role
@@ -92,6 +93,17 @@ def test_reflector_on_another_part_is_no_pin_of_the_controlled_point():
     assert "pkmkins.fitted.reflector" not in text
     assert "setp pkmkins.arm1.plate_joint_z_mm 2.0\n" in text
     assert "setp pkmkins.fitted.reflector_x_mm 12.0\n" in text_of(with_values(NOMINAL, fitted))
+
+
+def test_set_without_that_place_is_known_as_the_whole_one():
+    on_half_2 = parse_robot(f"{DOCUMENT.document.text}reflector_half: 2\n", "half.yaml").robot
+    whole = with_values(on_half_2, TILTED | {"reflector_x_mm": 12.0})
+    held = dict(whole.for_controller)
+    assert dict(whole.parameters) == held | {"reflector_x_mm": 12.0}
+    sets = (NOMINAL.parameters, whole.parameters)
+    assert KnownSets(on_half_2, {}, {}, sets).match(held) is whole.parameters
+    assert KnownSets(NOMINAL, {}, {}, sets).match(held).digest() != whole.digest()
+    assert NOMINAL.for_controller is NOMINAL.parameters
 
 
 def test_heading_says_whose_it_is_and_where_it_comes_from_in_lines_that_halcmd_takes():
