@@ -39,6 +39,9 @@ REFLECTOR = tuple(
     for c in "xyz"
 )  # fmt: skip
 """Fields of the reflector's place, which a tilted plate moves in proportion to it."""
+ON_PLATE = ("reflector", "plate_joints")
+"""Groups of places on the plate. They move points by the plate's tilt alone, so that a large σ of
+them is no large σ of positions."""
 
 
 def sag_basis(x: Array, y: Array, z: Array) -> Array:

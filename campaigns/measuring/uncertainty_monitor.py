@@ -17,6 +17,7 @@ from campaigns.fit.uncertainty import null_directions, position_std_mm
 from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Outcome
+from campaigns.kinematics.platforms import ON_PLATE
 from campaigns.measuring.run_state import PositionUncertainty
 from campaigns.planning.forecast import forecast, judged_positions
 from campaigns.planning.paths import RobotModel
@@ -123,6 +124,6 @@ class UncertaintyMonitor:
         lengths = {
             name: float(std[place])
             for place, name in enumerate(self._model.parameters)
-            if table[name].unit == "mm"
+            if table[name].unit == "mm" and table[name].field.group not in ON_PLATE
         }
         return max(lengths.items(), key=lambda row: row[1], default=("", 0.0))

@@ -34,6 +34,7 @@ from campaigns.fit.uncertainty import (
     without_frame,
 )
 from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.platforms import ON_PLATE
 from campaigns.kinematics.transmission import approach_along
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
@@ -55,7 +56,8 @@ class Forecast:
     shots: int
     """Number of identification shots."""
     std: dict[str, float]
-    """1 σ of the robot's parameters that shots determine, by name, in the unit of robot files."""
+    """1 σ of the robot's parameters that shots determine, by name, in the unit of robot files;
+    without places on the plate."""
     units: dict[str, str]
     """Unit of each name: mm, deg or ppm."""
     position_std_mm: Array
@@ -130,10 +132,14 @@ def prior_precision(model: ErrorModel) -> Array:
 
 
 def _std_by_name(model: ErrorModel, covariance: Array) -> dict[str, float]:
-    """Return 1 σ in file units of the parameters that shots determine."""
+    """Return 1 σ in file units of what shots determine, without places on the plate."""
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    rows = zip(model.parameters, std, model.file_tolerance, strict=False)
-    return {name: float(s * tolerance) for name, s, tolerance in rows if s > 1e-6}
+    rows = zip(model.parameters, model.groups, std, model.file_tolerance, strict=False)
+    return {
+        name: float(s * tolerance)
+        for name, group, s, tolerance in rows
+        if s > 1e-6 and group not in ON_PLATE
+    }
 
 
 def judged_positions(model: ErrorModel, robot: RobotModel, otherwise: Array) -> Array:

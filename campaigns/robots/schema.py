@@ -30,6 +30,7 @@ from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.catalog import MECHANISMS, find_mechanism
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.parameters import OPTIONAL, Parameter, ParameterField
+from campaigns.kinematics.platforms import ON_PLATE
 
 SCHEMA = "pkmcal/robot/1"
 
@@ -61,7 +62,6 @@ VALUE_OF: dict[str, Any] = {
     "ratio": Annotated[float, Field(ge=-1e5, le=1e5)],
 }
 JOINTS_ON_PLATE = "where each arm's bar sits on its part of the plate, [x, y, z] mm"
-ON_PLATE = ("reflector", "plate_joints")
 LARGEST_ON_PLATE_MM = 100.0
 """Largest change of a place on the plate that `load` takes: it moves the robot by the plate's tilt
 times this, 0.1 mm at 1 mrad."""

@@ -32,6 +32,7 @@ from campaigns.fit.uncertainty import null_directions, position_std_mm
 from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.kinematics.mechanism import Kinematics, NoSolution
+from campaigns.kinematics.parameters import Role
 from campaigns.kinematics.transmission import approach_along
 from campaigns.planning.forecast import judged_at
 from campaigns.planning.plan_file import PlannedShot
@@ -137,11 +138,11 @@ def _simulate(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) ->
 def _draw_unknowns(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) -> Array:
     """Draw the true unknowns of a campaign, (P,) in tolerances."""
     # Geometry's prior is broad on purpose (5 mm, 5°): robots drawn from it would be off by
-    # centimetres. Its groups, the ones that are not learned, get the study's spread instead.
+    # centimetres. Its groups that are not learned get the study's spread instead.
     scale = np.ones(len(model.names))
     table = setup.nominal.mechanism.parameters
     for place, (name, group) in enumerate(zip(model.parameters, model.groups, strict=False)):
-        if not SOURCES[group].is_learned:
+        if not SOURCES[group].is_learned and table[name].field.role is Role.GEOMETRY:
             length_mm, angle_deg = setup.spread
             spread = length_mm if table[name].unit == "mm" else np.radians(angle_deg)
             scale[place] = spread / model.tolerance[place]

@@ -46,7 +46,9 @@ def test_what_is_known_is_what_identify_states_of_the_same_shots() -> None:
     for count in (6, len(SHOTS)):
         known = fitted(measured[:count])
         assert known.shots == count
-        assert known.position_std_mm == pytest.approx(mean_std_of(measured[:count]), rel=1e-3)
+        # derivatives of the nominal robot, whose plate is level: the place of the reflector differs
+        assert known.position_std_mm == pytest.approx(mean_std_of(measured[:count]), rel=0.02)
+        assert not known.weakest.startswith("reflector")
     assert fitted(measured[:5]) is None
 
 
