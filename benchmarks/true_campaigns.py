@@ -7,7 +7,6 @@ stated, and spoils the wrong shots. `position_error_um` compares an identified r
 
 import json
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -29,6 +28,7 @@ from benchmarks.truths import (
     TrueRobot,
     arm_of,
     directions,
+    stated_reflector_mm,
 )
 from campaigns.arrays import Array
 from campaigns.fit.rigid_transforms import fit_transform
@@ -73,13 +73,13 @@ def planned_shots(mechanism: str, shots: int, seed: int, folder: Path) -> Planne
 
 
 def nominal_robot(mechanism: str, folder: Path, *, is_reflector_stated: bool) -> RobotFile:
-    """Return a shipped robot, or one by a copy of its file that leaves the reflector out."""
+    """Return a shipped robot, or one by a copy of its file that says where the reflector is."""
     name = ROBOTS[mechanism]
-    if is_reflector_stated:
+    if not is_reflector_stated:
         return find_robot(name)
     text = (resources.files("campaigns.robots") / f"{name}.yaml").read_text(encoding="utf-8")
-    text = re.sub(r"^reflector_mm:.*\n", "", text, flags=re.MULTILINE)
-    return find_robot(_written_once(folder / f"{name}-unstated.yaml", text))
+    text += f"reflector_mm: {stated_reflector_mm(name).tolist()}\n"
+    return find_robot(_written_once(folder / f"{name}-stated.yaml", text))
 
 
 def _written_once(file: Path, text: str) -> Path:

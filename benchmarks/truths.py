@@ -134,8 +134,9 @@ class Situation:
 
     @property
     def is_reflector_stated(self) -> bool:
-        """Whether the robot's file says where the reflector is."""
-        return all(term.how != "unstated" for term in self.of("reflector"))
+        """Whether the robot's file says where the reflector is: where a situation is about that."""
+        terms = self.of("reflector")
+        return bool(terms) and all(term.how != "unstated" for term in terms)
 
     def suits(self, mechanism: str) -> bool:
         """Whether a mechanism has the parts that the situation is about."""
@@ -347,7 +348,7 @@ def draw_robot(
         phases=streams.of("phases").uniform(-math.pi, math.pi, arms),
         bend=_bend(kind, situation, planned, streams),
         yield_mm=size("yield"),
-        reflector_mm=np.array(plate.reflector_mm) + _misplaced(kind, situation, streams),
+        reflector_mm=stated_reflector_mm(kind.name) + _misplaced(kind, situation, streams),
         frame_mm=normal("frame", 2),
         lacks=tuple(situation.of("edge", "kink", "cable", "sag", "theta", "dent")),
         reach_mm=planned.reach_mm,
@@ -371,8 +372,14 @@ def arm_of(streams: Streams, effect: str, arms: int) -> int:
     return int(streams.of(f"arm of {effect}").integers(arms))
 
 
+def stated_reflector_mm(name: str) -> Array:
+    """Return the place of the reflector on the plate that a file of this robot states, (3,), mm."""
+    # a reflector beside the axis of a part that turns would circle
+    return np.array([0.0, 0.0, -45.0] if name.startswith("h4") else [20.0, -30.0, -45.0])
+
+
 def _misplaced(kind: Kind, situation: Situation, streams: Streams) -> Array:
-    """Return where a reflector is from where its file has it, (3,), mm."""
+    """Return where a reflector is from where a file states it, (3,), mm."""
     # On a part that turns round the controlled point a reflector beside the axis would circle: it
     # is on the axis, as its file says.
     way = np.array([0.0, 0.0, -1.0]) if kind.turns_point else streams.direction("reflector")
