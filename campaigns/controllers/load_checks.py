@@ -23,9 +23,7 @@ def file_objections(robot: RobotFile, campaign: str, nominal: RobotFile) -> Iter
     if robot.digest() == nominal.digest():
         return
     yield from _provenance_objections(robot, campaign, nominal)
-    old, new = nominal.parameters, robot.parameters
-    changes = {name: new[name] - old[name] for name in old if name in new}
-    for text in beyond_tolerance(old.table, nominal.tolerance, changes):
+    for text in _beyond_tolerance(robot.parameters, nominal):
         yield ConfigInvalid(text, remedy="look for the mistake in the file or in what was measured")
 
 
@@ -47,13 +45,20 @@ def held_objections(held: Mapping[str, float], nominal: RobotFile) -> Iterator[C
     Values far from nominal may come from a wrong robot or a damaged memory, and a rollback would
     restore them.
     """
-    old = nominal.parameters
-    changes = {name: held[name] - old[name] for name in old if name in held}
-    for text in beyond_tolerance(old.table, nominal.tolerance, changes):
+    for text in _beyond_tolerance(held, nominal):
         yield ConfigInvalid(
             f"what the controller holds is far from nominal: {text}",
             remedy="check the controller: the load would keep this as its old parameters",
         )
+
+
+def _beyond_tolerance(values: Mapping[str, float], nominal: RobotFile) -> Iterator[str]:
+    """Yield the values that are beyond the nominal robot's tolerance, in words."""
+    # rates of ripples have no tolerance: they are no sizes of parts
+    old = nominal.parameters
+    sizes = [name for name in old.table.of_robot if name in old and name in values]
+    changes = {name: values[name] - old[name] for name in sizes}
+    yield from beyond_tolerance(old.table, nominal.tolerance, changes)
 
 
 def refuse(source: Path, objections: Sequence[ConfigInvalid]) -> None:

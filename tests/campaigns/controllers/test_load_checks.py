@@ -64,6 +64,12 @@ def test_change_beyond_the_tolerance_is_objected_to(exported, nominal, name, val
     assert any("tolerance ± 0.5 mm" in reason for reason in reasons(exported, strict))
 
 
+def test_rates_of_ripples_have_no_tolerance(nominal) -> None:
+    ripple = {"arm0.ripple_sin_deg": 0.01, "ripples_per_turn": 30.0}
+    held = nominal.parameters | ripple | {"ripples_per_turn": 90.0}
+    assert list(held_objections(held, with_values(nominal, ripple))) == []
+
+
 def test_serial_numbers_are_compared_where_both_are_known() -> None:
     assert [*serial_objections("R-2", "R-1")]
     for expected, connected in (("R-1", "R-1"), (None, "R-1"), ("", "R-1"), ("R-2", "")):
