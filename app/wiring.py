@@ -448,7 +448,9 @@ def _layout(campaign: Campaign) -> RobotLayout:
         for axes in (mechanism.joints, mechanism.task)
     )
     parameters = [(name, space[name].arm, space[name].field.stem) for name in space.names]
-    return RobotLayout.of(joints, task, parameters, space.optional)
+    # robotline has one rate of ripples for all joints
+    extensions = [name for name in space.optional if name not in space.rates]
+    return RobotLayout.of(joints, task, parameters, extensions)
 
 
 def _check_serial(device: str, answering: Identity, expected: str | None) -> None:

@@ -57,8 +57,13 @@ def hal_text(robot: RobotFile, identity: str) -> str:
     """Return a parameter set as the text of a HAL file.
 
     Values are written so that they read back as the very same doubles. `identity` is the robot's
-    serial number or name, for the heading.
+    serial number or name, for the heading. Raise `ConfigInvalid` for ripples of unlike rates, as
+    pkmkins has one rate for all joints.
     """
+    robot.require_known(
+        robot.mechanism.parameters.rates,
+        "`pkmcal export DIR --format plain` leaves ripples out, and `pkmcal correct` loses nothing",
+    )
     heading = [
         f"{SCHEMA}: parameters of a {robot.mechanism.name}, written by pkmcal {VERSION}",
         f"robot: {identity}",
@@ -79,7 +84,10 @@ def hal_text(robot: RobotFile, identity: str) -> str:
 
 
 def write_hal(path: Path, robot: RobotFile, identity: str, *, overwrite: bool) -> None:
-    """Write the HAL file; raise `OutputExists` unless `overwrite`, or `WriteFailed`."""
+    """Write the HAL file.
+
+    Raise `ConfigInvalid` as `hal_text`, `OutputExists` unless `overwrite`, or `WriteFailed`.
+    """
     write_text_unless_there(path, hal_text(robot, identity), overwrite=overwrite)
 
 

@@ -14,7 +14,7 @@ equally stiff, which minimises the sum of squares. `closures` states these equat
 follow the forward model (`assemble`), the inverse model (`inverse`) and derivatives (`jacobian`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -110,10 +110,17 @@ class ClosedChain:
     """Parameters, or fields of all arms, that the paper's method holds at nominal."""
     plate: PlateGeometry | None = None
     """Nominal places on the plate; None: typical ones."""
-    rate: float = 0.0
-    """Ripple's repetition in the unit of `parameters.rate`: periods a turn, or mm; 0 if unknown."""
+    rates: tuple[float, ...] = ()
+    """Repetition of each joint's ripple in the unit of `parameters.rate`: periods a turn, or mm; 0
+    where it is unknown. () becomes 0 for every joint."""
     controlled: Platform | None = None
     """Platform seen from the controlled point; None: `platform` is, for the reflector is there."""
+
+    def __post_init__(self) -> None:
+        rates = self.rates or (0.0,) * self.platform.arms
+        if len(rates) != self.platform.arms:
+            raise ValueError(f"{len(rates)} ripple rates for {self.platform.arms} joints")
+        object.__setattr__(self, "rates", rates)
 
     @property
     def joints(self) -> tuple[Axis, ...]:
@@ -138,19 +145,36 @@ class ClosedChain:
         return tuple(name for name in table.names if not {name, table[name].field.name} & held)
 
     @property
-    def phase_rate(self) -> float:
-        """Change N of a ripple's phase with a reading: rad over rad, or rad over mm."""
+    def rate(self) -> float:
+        """Rate that all joints have in common; 0 if it is unknown or the rates differ."""
+        return self.rates[0] if len({*self.rates}) == 1 else 0.0
+
+    def has_ripple(self, arm: int | None) -> bool:
+        """Return whether a joint's ripple has a rate; for None, whether any joint's has."""
+        return any(self.rates) if arm is None else self.rates[arm] != 0.0
+
+    @cached_property
+    def phase_rate(self) -> Array:
+        """Change N of each ripple's phase with its reading, (n,): rad over rad, or over mm."""
+        rates = np.array(self.rates)
+        if self.parameters.rate.unit == "mm":
+            rates[rates != 0.0] = 2.0 * np.pi / rates[rates != 0.0]
         # files give cranks the periods in a turn, which is N itself
-        in_mm = self.parameters.rate.unit == "mm"
-        return 2.0 * np.pi / self.rate if in_mm and self.rate else self.rate
+        return rates
 
     def with_plate(self, plate: PlateGeometry) -> Self:
         """Return this mechanism with other places on the plate."""
         return replace(self, plate=plate)
 
-    def with_ripples(self, rate: float) -> Self:
-        """Return this mechanism with a ripple's repetition in the unit of `parameters.rate`."""
-        return replace(self, rate=rate)
+    def with_ripples(self, rates: float | Sequence[float]) -> Self:
+        """Return this mechanism with ripples that repeat at these rates.
+
+        `rates` are in the unit of `parameters.rate`: one for all joints or one for each, 0 for a
+        joint without a ripple. Raise `ValueError` for another number of rates.
+        """
+        if isinstance(rates, Sequence):
+            return replace(self, rates=tuple(map(float, rates)))
+        return replace(self, rates=(float(rates),) * self.platform.arms)
 
     def seen_from(self, part: int | None) -> Self:
         """Return this mechanism with the measured point on part 1 or 2; None: as controlled.
@@ -590,9 +614,10 @@ class ClosedChain:
     def steepest_error(self, p: Array) -> float:
         """Return a bound of the change of any joint's error over its motion."""
         fields = self.geometry(p).arms
-        by_phase = {"backlash": 0.0, "ripple_sin": self.phase_rate, "ripple_cos": self.phase_rate}
+        by_phase = {"backlash": np.zeros(1), "ripple_sin": self.phase_rate}
+        by_phase["ripple_cos"] = self.phase_rate
         bounds = [
-            abs(by_phase.get(stem, 1.0)) * np.abs(fields[stem])
+            np.abs(by_phase.get(stem, np.ones(1)) * fields[stem])
             for stem in transmission.STEMS
             if stem in fields
         ]

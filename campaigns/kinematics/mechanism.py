@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from campaigns.arrays import Array, Mask, batch
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.feasibility import Feasibility, Limits, feasibility
-from campaigns.kinematics.parameters import Parameters
+from campaigns.kinematics.parameters import Parameters, stated_rates
 
 
 class NoSolution(ValueError):
@@ -68,16 +68,14 @@ class Kinematics:
     @classmethod
     def of(cls, mechanism: ClosedChain, values: Mapping[str, float]) -> Self:
         """Make a model from values by name in mm and deg; raise `KeyError` for a missing value."""
+        rates = stated_rates(mechanism.parameters, values, mechanism.rates)
         parameters = Parameters.of(mechanism.parameters, values)
-        return cls(
-            mechanism.with_ripples(parameters.rate) if parameters.rate else mechanism,
-            parameters.vector,
-        )
+        return cls(mechanism.with_ripples(rates), parameters.vector)
 
     @property
     def parameters(self) -> Parameters:
         """Parameters by name in mm and deg."""
-        return Parameters.of_vector(self.mechanism.parameters, self.p, self.mechanism.rate)
+        return Parameters.of_vector(self.mechanism.parameters, self.p, self.mechanism.rates)
 
     @property
     def whole_p(self) -> Array:

@@ -141,7 +141,8 @@ class ParameterTable:
 
     rows: tuple[Parameter, ...]
     rate: Parameter
-    """Ripple's repetition: `ripples_per_turn` of cranks, `drive_period_mm` of carriages."""
+    """Repetition of the ripples of all joints: `ripples_per_turn` of cranks, `drive_period_mm` of
+    carriages."""
 
     @classmethod
     def of(
@@ -165,7 +166,9 @@ class ParameterTable:
 
     def __getitem__(self, name: str) -> Parameter:
         """Return the parameter of a name; raise `KeyError` for an unknown one."""
-        return self.rate if name == self.rate.name else self.rows[self._places[name]]
+        if name == self.rate.name:
+            return self.rate
+        return self.rates.get(name) or self.rows[self._places[name]]
 
     def __contains__(self, name: object) -> bool:
         return name in self._places
@@ -219,8 +222,20 @@ class ParameterTable:
 
     @cached_property
     def optional(self) -> tuple[str, ...]:
-        """Names of the parameters that not every controller has; the ripples' rate is last."""
-        return (*self.select(*OPTIONAL), self.rate.name)
+        """Names of the parameters that not every controller has; the ripples' rates are last."""
+        return (*self.select(*OPTIONAL), self.rate.name, *self.rates)
+
+    @cached_property
+    def rates(self) -> Mapping[str, Parameter]:
+        """Repetition of each joint's ripple by name, `arm0.drive_period_mm`, for unlike joints."""
+        rates = (Parameter(arm, self.rate.field) for arm in range(self.arms))
+        return {rate.name: rate for rate in rates}
+
+    def named_rates(self, rates: Sequence[float]) -> dict[str, float]:
+        """Return rates (n,) by name: a common one as one value, of others those that are not 0."""
+        if len({*rates}) == 1:
+            return {self.rate.name: rates[0]} if rates[0] else {}
+        return {name: rate for name, rate in zip(self.rates, rates, strict=True) if rate}
 
     @cached_property
     def file_unit(self) -> Array:
@@ -248,8 +263,9 @@ class ParameterTable:
 class Parameters(Mapping[str, float]):
     """Values of one robot's parameters by name, in mm, deg and ppm as its file has them.
 
-    The mapping lists what a file lists: an optional parameter only if it is not 0, and the ripples'
-    rate only beside a ripple.
+    The mapping lists what a file lists: an optional parameter only if it is not 0, and the rate of
+    ripples only beside a ripple: one value if all joints with a ripple have the same rate, else one
+    for each of these joints. The rate of a joint without a ripple changes nothing.
     """
 
     table: ParameterTable
@@ -257,8 +273,9 @@ class Parameters(Mapping[str, float]):
     """Values of all of `table.of_robot`, (P,)."""
     covariance: Array | None = None
     """Covariance (P, P) in mm, deg, ppm; NaN where it is unknown. None: all of it is unknown."""
-    rate: float = 0.0
-    """Ripples' repetition in the unit of `table.rate`; 0 if unknown."""
+    rates: tuple[float, ...] = ()
+    """Repetition of each joint's ripple, (n,), in the unit of `table.rate`; 0 where it is unknown.
+    () if no rate is known."""
 
     @classmethod
     def of(
@@ -277,21 +294,32 @@ class Parameters(Mapping[str, float]):
         if std is not None:
             covariance = np.full((len(ordered), len(ordered)), np.nan)
             np.fill_diagonal(covariance, [std.get(n, np.nan) ** 2 for n in table.of_robot])
-        rate = values.get(table.rate.name, 0.0)
-        return cls(table, tuple(map(float, ordered)), covariance, rate)
+        rates = stated_rates(table, values)
+        return cls(table, tuple(map(float, ordered)), covariance, rates)
 
     @classmethod
-    def of_vector(cls, table: ParameterTable, p: Array, rate: float = 0.0) -> Self:
+    def of_vector(cls, table: ParameterTable, p: Array, rates: tuple[float, ...] = ()) -> Self:
         """Take the values from a vector (P,), or from its geometry (G,) alone."""
         whole = table.whole(p)
-        return cls(table, tuple((whole / table.file_unit[: len(whole)]).tolist()), rate=rate)
+        return cls(table, tuple((whole / table.file_unit[: len(whole)]).tolist()), rates=rates)
+
+    @property
+    def rippling_arms(self) -> tuple[int, ...]:
+        """Arms with a ripple that is not 0."""
+        named = zip(self.table.rows, self.values_in_file, strict=False)
+        ripples = (p.arm for p, value in named if value and p.field.group == "ripple")
+        return tuple(sorted({arm for arm in ripples if arm is not None}))
 
     @cached_property
     def _listed(self) -> dict[str, float]:
         named = zip(self.table.rows, self.values_in_file, strict=False)
         listed = {p.name: v for p, v in named if v or p.field.role not in OPTIONAL}
-        has_ripple = any(self.table[name].field.group == "ripple" for name in listed)
-        return listed | ({self.table.rate.name: self.rate} if has_ripple and self.rate else {})
+        if not self.rates or not (arms := self.rippling_arms):
+            return listed
+        rates = [self.rates[arm] for arm in arms]
+        if len({*rates}) > 1:
+            rates = [rate if arm in arms else 0.0 for arm, rate in enumerate(self.rates)]
+        return listed | self.table.named_rates(rates)
 
     def __getitem__(self, name: str) -> float:
         """Return the value of a listed parameter; raise `KeyError` for any other."""
@@ -342,3 +370,19 @@ class Parameters(Mapping[str, float]):
         # adding 0.0 makes 0.0 of -0.0, which is equal but is written otherwise
         lines = "".join(f"{name}={value + 0.0!r}\n" for name, value in self.items())
         return hashlib.sha256(lines.encode("ascii")).hexdigest()
+
+
+def stated_rates(
+    table: ParameterTable, values: Mapping[str, float], default: Sequence[float] = ()
+) -> tuple[float, ...]:
+    """Return the rates of ripples, (n,), that values state: the common one or a joint's own.
+
+    `default` (n,) holds those of joints for which the values state none or 0; () is 0 for all.
+    """
+    none = (0.0,) * table.arms
+    if isinstance(values, Parameters):  # what it lists leaves out joints without a ripple
+        stated = values.rates or none
+    else:
+        common = values.get(table.rate.name, 0.0)
+        stated = tuple(float(values.get(name, common)) for name in table.rates)
+    return tuple(rate or other for rate, other in zip(stated, default or none, strict=True))

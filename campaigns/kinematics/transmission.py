@@ -3,8 +3,9 @@
     true = q + δ + k q + a sin q + b cos q + c sin Nq + d cos Nq - ½ β s
 
 q is the encoder's reading, δ the joint's offset; k an error of the encoder's ratio or of a screw's
-pitch; a and b an eccentric encoder; c and d a ripple with phase rate N; β the backlash, by half of
-which the joint stays behind on the side s = ±1 to which it last moved (0: unknown).
+pitch; a and b an eccentric encoder; c and d a ripple with the joint's phase rate N (0: no ripple);
+β the backlash, by half of which the joint stays behind on the side s = ±1 to which it last moved
+(0: unknown).
 
 Each term is a function of q or s times a parameter, so that its derivative is that function times
 the derivative by the offset. The limbs' equations need no change: only the angle that enters them
@@ -24,12 +25,13 @@ LEAST_MOTION = 1e-9
 """Motion of a joint, rad or mm, below which it has not moved."""
 
 
-def terms(joints: Array, approach: Array | None, phase_rate: float) -> dict[str, Array]:
+def terms(joints: Array, approach: Array | None, phase_rate: Array) -> dict[str, Array]:
     """Return the factor (N, n) of each parameter of the transmission, by its stem.
 
     `joints` (N, n) are readings, `approach` (N, n) the signs of the joints' last motions.
+    `phase_rate` (n,) is the change of each ripple's phase with the reading; 0: no ripple.
     """
-    phase, has_ripple = phase_rate * joints, float(phase_rate != 0.0)
+    phase, has_ripple = phase_rate * joints, phase_rate != 0.0
     return {
         "encoder_gain": joints,
         "eccentricity_sin": np.sin(joints),
@@ -40,12 +42,12 @@ def terms(joints: Array, approach: Array | None, phase_rate: float) -> dict[str,
     }
 
 
-STEMS = tuple(terms(np.zeros(1), None, 0.0))
+STEMS = tuple(terms(np.zeros(1), None, np.zeros(1)))
 """Stems of the parameters of the transmission, whose factors `terms` returns."""
 
 
 def true_joints(
-    values: Mapping[str, Array], joints: Array, approach: Array | None, phase_rate: float
+    values: Mapping[str, Array], joints: Array, approach: Array | None, phase_rate: Array
 ) -> Array:
     """Return the joints (N, n), less their offsets, at which encoders read `joints`.
 
@@ -62,7 +64,7 @@ def true_joints(
 # With the error f(q) = true(q) - q, the reading of a joint at Q solves q + f(q) = Q. Rounds of
 # q ← q - (q + f(q) - Q) shrink the error by |f'| each: below ½ by `STEEPEST_ERROR`.
 def encoder_readings(
-    values: Mapping[str, Array], joints: Array, approach: Array | None, phase_rate: float
+    values: Mapping[str, Array], joints: Array, approach: Array | None, phase_rate: Array
 ) -> Array:
     """Return the readings (N, n) at which joints, less their offsets, are at `joints`, or NaN."""
     readings = joints

@@ -13,7 +13,7 @@ beside numbers that no identification has given.
 """
 
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -34,7 +34,7 @@ from campaigns.kinematics.catalog import PYTHON, find_mechanism
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.feasibility import Limits
 from campaigns.kinematics.mechanism import Kinematics
-from campaigns.kinematics.parameters import Parameters
+from campaigns.kinematics.parameters import Parameters, stated_rates
 from campaigns.kinematics.transmission import STEEPEST_ERROR
 from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.schema import SCHEMA, RobotContents, Tolerance, contents_model
@@ -89,7 +89,7 @@ class RobotFile:
     ) -> Self:
         """Make a robot of values by name, optional ones 0 if not named; raise `ConfigInvalid`."""
         checked = checked_parameters(mechanism, values, name)
-        return cls(name, mechanism.with_ripples(checked.rate), checked, limits)
+        return cls(name, mechanism.with_ripples(checked.rates), checked, limits)
 
     @property
     def kinematics(self) -> Kinematics:
@@ -118,9 +118,12 @@ class RobotFile:
         values = self.parameters
         beyond = [name for name in lacking if name in values]
         if beyond:
+            has_no = f"has no {values.table[beyond[0]].field.words}s"
+            if beyond[0] in values.table.rates:
+                has_no = f"has no {values.table.rate.name} of single joints"
             raise ConfigInvalid(
                 f"{self.name}: {beyond[0]} is {values[beyond[0]]:g}, but the controller's "
-                f"kinematics has no {values.table[beyond[0]].field.words}s",
+                f"kinematics {has_no}",
                 remedy=remedy,
             )
 
@@ -240,9 +243,10 @@ def compensated(
         tree[EXPANSIONS] = {key.removesuffix(EXPANSION): ppm for key, ppm in expansions.items()}
         if reference_degC is not None:
             tree[REFERENCE] = reference_degC
-    rate = checked.table.rate.name
-    if rate in checked and checked.rate != nominal.robot.mechanism.rate:
-        tree[rate] = checked.rate
+    old_rates = nominal.robot.mechanism.rates
+    # a rate means nothing without a ripple: there the document keeps what it states
+    if any(checked.rates[arm] != old_rates[arm] for arm in checked.rippling_arms):
+        tree[checked.table.rate.name] = _rates_in_file(checked.rates)
     tree["uncertainty"] = std or {}
     tree["provenance"] = dict(provenance or {})
     tree["sha256"] = checked.digest()
@@ -252,10 +256,15 @@ def compensated(
     return parse_robot(yaml_file.yaml_text(tree), where)
 
 
-def with_ripples_per_turn(robot: RobotDocument, ripples_per_turn: float) -> RobotDocument:
-    """Return a robot with its gears' rate in the document."""
+def with_ripples_per_turn(
+    robot: RobotDocument, ripples_per_turn: float | Sequence[float]
+) -> RobotDocument:
+    """Return a robot with its gears' rate in the document: one for all arms, or one for each."""
     tree = robot.document.editable_tree()
-    tree["ripples_per_turn"] = ripples_per_turn
+    if isinstance(ripples_per_turn, Sequence):
+        tree["ripples_per_turn"] = _rates_in_file(tuple(ripples_per_turn))
+    else:
+        tree["ripples_per_turn"] = ripples_per_turn
     return parse_robot(yaml_file.yaml_text(tree), robot.document.name)
 
 
@@ -299,12 +308,11 @@ def checked_parameters(
 ) -> Parameters:
     """Make parameters of values by name, the optional ones 0 if not given, and of 1 σ by name.
 
-    The rate of ripples is the mechanism's unless the values have one. `name` is the robot's, for
+    Rates of ripples that the values do not state are the mechanism's. `name` is the robot's, for
     errors. Raise `ConfigInvalid` for a value that is unknown, missing or not finite.
     """
     space = mechanism.parameters
-    values = {space.rate.name: mechanism.rate, **values}
-    for unknown in values.keys() - {*space.of_robot, space.rate.name}:
+    for unknown in values.keys() - {*space.of_robot, space.rate.name, *space.rates}:
         raise ConfigInvalid(
             f"{name}: {unknown} is not a parameter of a robot",
             remedy=suggestion(unknown, space.of_robot),
@@ -316,7 +324,8 @@ def checked_parameters(
                 f"{name}: {parameter} is {values.get(parameter, 'missing')}",
                 remedy=f"give finite values for all {len(space.names)} parameters",
             )
-    return Parameters.of(space, values, std)
+    rates = stated_rates(space, values, mechanism.rates)
+    return replace(Parameters.of(space, values, std), rates=rates)
 
 
 def require_millimetres(parameters: Parameters, where: str) -> None:
@@ -358,10 +367,9 @@ def _parse_document(document: yaml_file.YamlDocument) -> RobotDocument:
             raise ConfigInvalid(
                 f"{document.place_of('reflector_half')}: {error}", remedy="delete the line"
             ) from error
-    rate = mechanism.parameters.rate.name
     of_all = contents.geometry.model_dump()
     of_arms = of_all.pop("arms")
-    values = {rate: getattr(contents, rate) or 0.0}
+    values = _rates_by_name(document, contents, mechanism)
     for parameter in map(mechanism.parameters.__getitem__, mechanism.parameters.of_robot):
         holder = of_all if parameter.arm is None else of_arms[parameter.arm]
         values[parameter.name] = holder[parameter.field.name]
@@ -408,6 +416,32 @@ def _tolerances(contents: RobotContents, document: yaml_file.YamlDocument) -> di
     return {key: INNER_OF[key.rpartition("_")[2]] * value for key, value in stated.items()}
 
 
+def _rates_by_name(
+    document: yaml_file.YamlDocument, contents: RobotContents, mechanism: ClosedChain
+) -> dict[str, float]:
+    """Return the rates of ripples that a file states; raise `ConfigInvalid` for a wrong number."""
+    table = mechanism.parameters
+    rates = getattr(contents, table.rate.name)
+    if not isinstance(rates, tuple):
+        return {table.rate.name: rates or 0.0}
+    if len(rates) != table.arms:
+        raise ConfigInvalid(
+            f"{document.place_of(table.rate.name)}: {table.rate.name} holds {len(rates)} numbers, "
+            f"must hold {table.arms}",
+            remedy="give one number for all arms, or one for each arm",
+        )
+    return dict(zip(table.rates, rates, strict=True))
+
+
+def _rates_in_file(rates: tuple[float, ...]) -> float | CommentedSeq:
+    """Return rates as a file has them: one number if they are equal, else a list in one line."""
+    if len({*rates}) == 1:
+        return rates[0]
+    entries = CommentedSeq(rates)
+    entries.fa.set_flow_style()
+    return entries
+
+
 def _add_plate_and_drives(
     mechanism: ClosedChain, parameters: Parameters, contents: RobotContents
 ) -> ClosedChain:
@@ -421,16 +455,19 @@ def _add_plate_and_drives(
         joints_mm=contents.plate_joints_mm or typical.joints_mm,
         reflector_mm=contents.reflector_mm or typical.reflector_mm,
     )
-    complete = mechanism.with_plate(plate).with_ripples(parameters.rate)
+    complete = mechanism.with_plate(plate).with_ripples(parameters.rates)
     # a ripple's amplitude means nothing without its period
     ripples = [
-        name for name in parameters.extended_by if parameters.table[name].field.group == "ripple"
+        name
+        for name in parameters.table.select(group="ripple")
+        if name in parameters and not complete.has_ripple(parameters.table[name].arm)
     ]
-    if ripples and not parameters.rate:
+    if ripples:
         raise ConfigInvalid(
             f"{contents.name}: {ripples[0]} is {parameters[ripples[0]]:g}, but the file does not "
             "say how often it comes",
-            remedy="give ripples_per_turn, or drive_period_mm of robots on rails",
+            remedy="give ripples_per_turn, or drive_period_mm of robots on rails: a number, or "
+            "one for each arm",
         )
     # joint angles become encoder readings in rounds, which converge only below this steepness
     if (steepest := complete.steepest_error(parameters.vector)) > STEEPEST_ERROR:

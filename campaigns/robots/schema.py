@@ -12,7 +12,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, JsonValue, create_model
+from pydantic import AfterValidator, Field, JsonValue, PlainValidator, WithJsonSchema, create_model
 
 from campaigns.errors import ConfigInvalid
 from campaigns.files.wording import shown, suggestion
@@ -50,6 +50,38 @@ TurnRange = Annotated[tuple[Turn, Turn], RISING]
 Deviation = Annotated[float, Field(ge=0.0)]
 Expansion = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Deviations = dict[str, Deviation]
+
+Rates = float | tuple[float, ...] | None
+"""Rate of ripples: of all joints, or of each, 0 for one without a ripple; None: unknown."""
+
+
+# pydantic would report a wrong value once for each form of the key, in words of its own.
+def _check_rates(value: object, lowest: float) -> Rates:
+    """Check a rate of ripples: a number, or a list with a number, 0 or null for each joint."""
+    if value is None:
+        return None
+    if not isinstance(value, list):
+        return _check_rate(value, "is", lowest)
+    # a joint of a list may have no ripple
+    return tuple(
+        0.0 if entry is None or entry == 0.0 else _check_rate(entry, "holds", lowest)
+        for entry in value
+    )
+
+
+def _check_rate(value: Any, verb: str, lowest: float) -> float:
+    is_number = type(value) in {int, float}  # a bool is none
+    if is_number and lowest <= value <= 10000.0:
+        return float(value)
+    text = shown(json.dumps(value, ensure_ascii=False))
+    raise broken_rule(f"{verb} {text}, must be a number from {lowest:g} to 10000")
+
+
+# described as the number that most files hold
+RATES_SCHEMA = WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "null"}]})
+Period = Annotated[Rates, PlainValidator(partial(_check_rates, lowest=1.0)), RATES_SCHEMA]
+RipplesPerTurn = Annotated[Rates, PlainValidator(partial(_check_rates, lowest=2.0)), RATES_SCHEMA]
+
 
 # Any: pydantic takes types made at run time, of which mypy can know nothing.
 Definition = tuple[Any, Any]
@@ -144,19 +176,15 @@ class RobotContents(FileModel):
         description="1 or 2, the part of a platform of two parts that carries the reflector; may "
         "be left out",
     )
-    drive_period_mm: float | None = Field(
+    drive_period_mm: Period = Field(
         default=None,
-        ge=1.0,
-        le=10000.0,
-        description="of robots on rails: a carriage's travel in a turn of its screw or pulley, mm; "
-        "may be left out",
+        description="of robots on rails: a carriage's travel in a turn of its screw or pulley, "
+        "or a list with one for each, mm; may be left out",
     )
-    ripples_per_turn: float | None = Field(
+    ripples_per_turn: RipplesPerTurn = Field(
         default=None,
-        ge=2.0,
-        le=10000.0,
         description="of robots with cranks: periods of a gear's error in a turn of the arm, as its "
-        "ratio is; may be left out",
+        "ratio is, or a list with one for each; may be left out",
     )
     expansion_ppm_per_degC: dict[Literal["arm", "forearm", "frame"], Expansion] | None = Field(
         default=None,

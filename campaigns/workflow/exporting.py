@@ -204,12 +204,13 @@ def export_hal(campaign: Campaign, to: Path | None = None, *, overwrite: bool = 
 
     Raises:
         ShotsMissing, VerdictBad, OutputExists, WriteFailed: As of `export`.
+        ConfigInvalid: The ripples of joints have unlike rates, which pkmkins cannot have.
     """
     path = to or campaign.path(linuxcnc_export.FILE_NAME)
     # The drawing of the plate is the nominal robot's: identified tilts refer to it, and an
-    # identification lists parameters only. The ripples' rate is the identified set's.
+    # identification lists parameters only. The ripples' rates are the identified set's.
     identified = identified_robot(campaign).robot
-    mechanism = campaign.robot.mechanism.with_ripples(identified.mechanism.rate)
+    mechanism = campaign.robot.mechanism.with_ripples(identified.mechanism.rates)
     robot = replace(identified, mechanism=mechanism)
     form = form_of(robot.provenance, str(path))
     with recorded(campaign, path, robot.parameters, form=form):

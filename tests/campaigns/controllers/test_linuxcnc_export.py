@@ -44,6 +44,15 @@ def test_backlashes_are_comments_for_the_bridge_and_ripples_come_with_their_rate
     assert parameters_of(text, NOMINAL.mechanism) == dict(robot.parameters)
 
 
+def test_ripples_of_unlike_rates_are_refused_for_pkmkins_has_one():
+    gears = {"arm0.ripple_sin_deg": 0.002, "arm2.ripple_sin_deg": 0.003}
+    alone = with_values(NOMINAL, gears | {f"arm{arm}.ripples_per_turn": 30.0 for arm in (0, 2)})
+    assert "setp pkmkins.ripples_per_turn 30.0\n" in text_of(alone)
+    rates = {"arm0.ripples_per_turn": 30.0, "arm2.ripples_per_turn": 50.0}
+    with pytest.raises(ConfigInvalid, match=r"arm0\.ripples_per_turn is 30, but .* single joints"):
+        text_of(with_values(NOMINAL, gears | rates))
+
+
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_every_mechanism_is_written_in_full_doubles(name):
     nominal = find_robot("par4-prototype" if name == "par4" else name).robot

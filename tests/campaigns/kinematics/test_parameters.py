@@ -1,5 +1,7 @@
 """A parameter set as names and as a vector."""
 
+import hashlib
+
 import numpy as np
 import pytest
 from family_cases import BY_NAME, flat_in
@@ -8,7 +10,7 @@ from hypothesis import strategies as st
 from par4_cases import CASES, NOMINAL
 from par4_space import AXIS_TILT_NAMES, SKEW_NAMES, SPACE, TILTS, par4, places_of
 
-from campaigns.kinematics.parameters import Role
+from campaigns.kinematics.parameters import Parameters, Role, stated_rates
 
 
 def values_of(names):
@@ -56,3 +58,37 @@ def test_the_papers_method_holds_azimuths_and_one_motor_s_place():
     free = BY_NAME["par4"].free
     assert len(free) == 22
     assert set(SPACE.names) - set(free) == held
+
+
+RIPPLES = {f"arm{arm}.ripple_sin_deg": 0.01 for arm in (0, 2)}
+
+
+@pytest.mark.parametrize(
+    ("stated", "listed"),
+    [
+        ((30.0, 30.0, 30.0, 30.0), {"ripples_per_turn": 30.0}),
+        ((30.0, 0.0, 30.0, 50.0), {"ripples_per_turn": 30.0}),
+        ((30.0, 0.0, 50.0, 0.0), {"arm0.ripples_per_turn": 30.0, "arm2.ripples_per_turn": 50.0}),
+    ],
+)
+def test_rates_are_listed_beside_ripples_as_one_value_where_they_are_alike(stated, listed):
+    flat = NOMINAL.parameters | RIPPLES
+    parameters = Parameters.of(SPACE, flat | SPACE.named_rates(stated))
+    assert parameters.rates == stated
+    assert {name: v for name, v in parameters.items() if name.endswith("per_turn")} == listed
+    # a set is named by its digest, also one that was made of what another lists
+    assert Parameters.of(SPACE, dict(parameters)).digest() == parameters.digest()
+    assert stated_rates(SPACE, parameters) == stated
+    assert (
+        Parameters.of(SPACE, NOMINAL.parameters | SPACE.named_rates(stated)) == NOMINAL.parameters
+    )
+    without = Parameters.of(SPACE, flat)
+    assert stated_rates(SPACE, without, stated) == stated
+    assert parameters.digest() != without.digest()
+
+
+def test_a_digest_with_one_rate_is_that_of_earlier_versions():
+    flat = NOMINAL.parameters | RIPPLES | {"ripples_per_turn": 30.0}
+    lines = "".join(f"{name}={value + 0.0!r}\n" for name, value in flat.items())
+    digest = hashlib.sha256(lines.encode()).hexdigest()
+    assert Parameters.of(SPACE, flat).digest() == digest

@@ -10,7 +10,7 @@ from par4_cases import NOMINAL, central_differences
 from campaigns.fit.error_model import ErrorModel, Observations, first_frames, moved_frames
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.kinematics.parameters import Role
-from campaigns.kinematics.transmission import approach_along
+from campaigns.kinematics.transmission import approach_along, terms
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import read_shots
 from sim.geometry import KINDS, geometry_of
@@ -29,16 +29,18 @@ FIELDS = {
 def geared(member, **sizes):
     """Perturbed robot whose joints all have every error, and sides of approach of three shots.
 
-    Sizes are by group instead of all alike; loads of joints change a little with all else.
+    Sizes are by group instead of all alike; loads of joints change a little with all else. Ripples
+    of the joints come at unlike rates.
     """
     robot = member.perturbed
     rate = 30.0 if member.mechanism.joints[0].is_revolute else 20.0
+    rates = [rate + 3.0 * arm for arm in range(member.space.arms)]
     p, space, draw = robot.p.copy(), member.space, np.random.default_rng(3)
     for name in space.select(Role.TRANSMISSION):
         size = sizes.get(space[name].field.group, SIZES[space[name].unit])
         p[space.places([name])] = size * draw.uniform(-1.0, 1.0)
     poses = member.reachable_poses(robot, 3, seed=5, limits=member.well_inside)
-    own = type(robot)(robot.mechanism.with_ripples(rate), p)
+    own = type(robot)(robot.mechanism.with_ripples(rates), p)
     approach = draw.choice([-1.0, 0.0, 1.0], (3, space.arms))
     approach[0] = 1.0
     return own, poses, approach
@@ -72,6 +74,40 @@ def test_derivatives_by_every_parameter_are_those_of_differences(member, loads, 
     differences = central_differences(moved, robot.p, 0.01 / scale) / scale
     assert np.abs(exact - differences).max() < within * np.abs(exact).max()
     assert (np.abs(exact[:, :, gears]).max(axis=(0, 1)) > 1e-3).all()
+
+
+@all_members
+def test_a_joint_ripples_at_its_own_rate_and_without_one_not_at_all(member):
+    is_crank, arms = member.mechanism.joints[0].is_revolute, member.space.arms
+    mechanism = member.mechanism.with_ripples((7.0, *[0.0] * (arms - 2), 20.0))
+    phase_rate = [7.0 if is_crank else 2.0 * np.pi / 7.0, 20.0 if is_crank else np.pi / 10.0]
+    assert mechanism.phase_rate == pytest.approx(
+        [phase_rate[0], *[0.0] * (arms - 2), phase_rate[1]]
+    )
+    assert [mechanism.has_ripple(arm) for arm in (0, 1, arms - 1, None)] == [
+        True,
+        False,
+        True,
+        True,
+    ]
+    joints = np.linspace(-0.3, 0.4, 5)[:, None] * np.ones(arms)
+    factors = terms(joints, None, mechanism.phase_rate)
+    for arm, rate in ((0, phase_rate[0]), (arms - 1, phase_rate[1])):
+        assert factors["ripple_sin"][:, arm] == pytest.approx(np.sin(rate * joints[:, arm]))
+        assert factors["ripple_cos"][:, arm] == pytest.approx(np.cos(rate * joints[:, arm]))
+    assert not factors["ripple_sin"][:, 1:-1].any()
+    assert not factors["ripple_cos"][:, 1:-1].any()
+
+
+def test_a_mechanism_has_one_rate_for_all_joints_or_one_for_each():
+    mechanism = NOMINAL.mechanism
+    assert (mechanism.rates, mechanism.rate, mechanism.has_ripple(None)) == ((0.0,) * 4, 0.0, False)
+    assert mechanism.with_ripples(30.0).rates == (30.0,) * 4
+    assert mechanism.with_ripples(30.0).rate == 30.0
+    assert mechanism.with_ripples((30.0, 0.0, 0.0, 0.0)).rate == 0.0
+    assert mechanism.with_ripples(30.0).with_ripples(0.0) == mechanism
+    with pytest.raises(ValueError, match="3 ripple rates for 4 joints"):
+        mechanism.with_ripples((30.0, 30.0, 30.0))
 
 
 @pytest.mark.parametrize("part", [0, 1, 2], ids=["arms", "forearms", "frame"])

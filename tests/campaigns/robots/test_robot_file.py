@@ -210,6 +210,21 @@ def test_a_controller_is_told_29_parameters_or_why_not():
     )
 
 
+def test_what_a_controller_lacks_of_rates_are_those_of_single_joints():
+    document = rated("[50, 0, 80, 0]")
+    with pytest.raises(ConfigInvalid) as caught:
+        document.robot.require_known(SPACE.rates, "correct targets")
+    assert str(caught.value) == (
+        "par4-prototype: arm0.ripples_per_turn is 50, but the controller's kinematics has no "
+        "ripples_per_turn of single joints → correct targets"
+    )
+    assert document.robot.parameters.extended_by[-2:] == (
+        "arm0.ripples_per_turn",
+        "arm2.ripples_per_turn",
+    )
+    rated("[50, 0, 50, 80]").robot.require_known(SPACE.rates, "")
+
+
 def geared(tmp_path, ripples_per_turn=None, **of_arm):
     """Prototype whose second arm has more values."""
     tree = PROTOTYPE.document.editable_tree()
@@ -291,6 +306,60 @@ def test_a_drives_period_is_in_the_file_and_stays_in_an_identified_set():
     assert geared.robot.mechanism.rate == 20.0
     identified = compensated(geared, "identified", geared.robot.parameters)
     assert identified.robot.mechanism.rate == 20.0
+
+
+def rated(text):
+    """Return the prototype whose arms 0 and 2 ripple, with a line of rates."""
+    tree = PROTOTYPE.document.editable_tree()
+    for arm in (0, 2):
+        tree["geometry"]["arms"][arm]["ripple_sin_deg"] = 0.01
+    return parse_robot(f"{yaml_text(tree)}ripples_per_turn: {text}\n", "robot.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "rates"),
+    [
+        ("50", (50.0, 50.0, 50.0, 50.0)),
+        ("[50, 0, 50.0, null]", (50.0, 0.0, 50.0, 0.0)),
+        ("[50, 0, 80, 60]", (50.0, 0.0, 80.0, 60.0)),
+    ],
+)
+def test_each_joint_may_have_a_rate_of_its_own_that_stays_in_an_identified_set(text, rates):
+    document = rated(text)
+    assert document.robot.mechanism.rates == document.robot.parameters.rates == rates
+    changed = document.robot.parameters | {"arm0.arm_mm": 351.0}
+    for parameters in (changed, Parameters.of(SPACE, changed)):
+        identified = compensated(document, "identified", parameters)
+        assert f"ripples_per_turn: {text}\n" in identified.document.text
+        assert identified.robot.mechanism.rates == rates
+
+
+def test_rates_are_written_as_one_number_where_they_are_alike_and_else_as_a_list():
+    own, alike = rated("[50, 0, 80, 0]"), rated("50")
+    listed = compensated(alike, "listed", own.robot.parameters)
+    assert "\nripples_per_turn: [50.0, 50.0, 80.0, 50.0]\n" in listed.document.text
+    assert listed.robot.digest() == own.robot.digest() != alike.robot.digest()
+    assert (
+        "\nripples_per_turn: 50.0\n"
+        in compensated(own, "one", dict(alike.robot.parameters)).document.text
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("1", "ripples_per_turn is 1, must be a number from 2 to 10000"),
+        ("0", "ripples_per_turn is 0, must be"),
+        ("often", 'ripples_per_turn is "often", must be'),
+        ("[50, 0, .nan, 50]", "ripples_per_turn holds NaN, must be"),
+        ("true", "ripples_per_turn is true, must be"),
+        ("[50, 50]", "robot.yaml:.*: ripples_per_turn holds 2 numbers, must hold 4 → give one"),
+        ("[50, 0, 0, 0]", r"arm2\.ripple_sin_deg is 0\.01, but the file does not say how often"),
+    ],
+)
+def test_wrong_rates_are_refused(text, why):
+    with pytest.raises(ConfigInvalid, match=why):
+        rated(text)
 
 
 def toleranced(text):
