@@ -97,10 +97,11 @@ def controller_kinematics(scenario: Scenario, true_flat: dict[str, float]) -> Co
     return ControllerKinematics(robot.kind, plate, ripple_rate)
 
 
-def _motor_rad(robot: RobotSection) -> float:
-    """Return the turn of a motor for 1 rad or mm of its joint, rad."""
-    gears = robot.transmission
-    return 2.0 * math.pi / gears.pitch_mm if robot.kind.on_rails else gears.ripples_per_turn
+def _motor_rad(robot: RobotSection) -> Array:
+    """Return the turn of each motor for 1 rad or mm of its joint, (n,), rad."""
+    kind, gears = robot.kind, robot.transmission
+    rates = np.array(gears.pitch_mm if kind.on_rails else gears.ripples_per_turn)
+    return np.broadcast_to(2.0 * math.pi / rates if kind.on_rails else rates, kind.arms)
 
 
 def _of_arms(values: Sequence[float], kind: Kind) -> Array:

@@ -160,13 +160,13 @@ class ErrorModel:
     def names(self) -> tuple[str, ...]:
         """Names of the unknowns, (P,): parameters of the robot, then sources of the tracker."""
         mechanism = self.nominal.mechanism
-        table, has_rate = mechanism.parameters, mechanism.rate != 0.0
+        table = mechanism.parameters
         # a ripple of unknown period, or growth without temperatures, has no column
         names = [
             parameter.name
             for parameter in table.rows
             if (parameter.field.role is not Role.GROWTH or self.with_growth)
-            and (parameter.field.group != "ripple" or has_rate)
+            and (parameter.field.group != "ripple" or mechanism.has_ripple(parameter.arm))
         ]
         return tuple(name for name in (*names, *TRACKER_SOURCES) if name not in self.held)
 

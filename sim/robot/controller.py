@@ -131,9 +131,9 @@ class ControllerKinematics:
     kind: Kind = PAR4
     plate: KnownPlate | None = None
     """Sizes of the plate, with which it computes the plate's tilt; None: it cannot."""
-    ripple_rate: float | None = None
-    """Turn of a motor for 1 rad or mm of its joint, with which it computes errors of gears and
-    encoders; None: it cannot."""
+    ripple_rate: float | Array | None = None
+    """Turn of each motor for 1 rad or mm of its joint, one for all or (n,), with which it computes
+    errors of gears and encoders; None: it cannot."""
 
     @property
     def extensions(self) -> tuple[str, ...]:
@@ -158,7 +158,9 @@ class ControllerKinematics:
             return joints
         # the loaded parameters may hold the ripples' rate; else it is that of the drawing
         stated = flat.get(kind.rate, 0.0)
-        rate = (math.tau / stated if kind.on_rails else stated) if stated else self.ripple_rate
+        rate = self.ripple_rate
+        if stated:
+            rate = math.tau / stated if kind.on_rails else stated
         return readings_for(flat, kind, rate, joints, present)
 
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from types import MappingProxyType
-from typing import Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 from ruamel.yaml import YAML
 
 from sim.geometry import KINDS, PAR4, Array, Geometry, Kind, problem_with
@@ -32,9 +32,27 @@ ENTRIES_OF_AN_ARM: Mapping[str, int] = MappingProxyType(
 )
 """Keys of a robot that list values of each arm, and how many values of an arm."""
 
+RATES = ("ripples_per_turn", "pitch_mm")
+"""Keys of the transmission that are one number, or a list with a number of each arm."""
 OF_CARRIAGES = ("_mm", "drive_n_per_um")
 """Ends of the keys that only carriages have."""
 
+
+# pydantic would report a wrong value once for each of the two forms
+def _check_one_or_each(value: Any) -> float | tuple[float, ...]:
+    """Check a positive number, or a list of positive numbers."""
+    entries = value if isinstance(value, list) else [value]
+    if not all(type(entry) in {int, float} and 0.0 < entry < math.inf for entry in entries):
+        raise ValueError("give a number above 0, or a list with one of each arm")
+    return tuple(map(float, entries)) if isinstance(value, list) else float(entries[0])
+
+
+OneOrEach = Annotated[
+    float | tuple[float, ...],
+    PlainValidator(_check_one_or_each),
+    WithJsonSchema({"type": "number"}),
+]
+"""Positive number, or a list with one of each arm."""
 FlatDeltas = dict[str, float]
 """Differences of single parameters, by flat name, in the name's unit."""
 
@@ -153,12 +171,12 @@ class TransmissionSection(Section):
     """Diameter of that ring."""
     ripple_arcsec: NotNegative = 0.0
     """Largest error in each turn of a crank's motor."""
-    ripples_per_turn: Positive = 30.0
-    """Turns of the motor in a turn of the crank."""
+    ripples_per_turn: OneOrEach = 30.0
+    """Turns of the motor in a turn of the crank, or a list with those of each motor."""
     ripple_mm: NotNegative = 0.0
     """Largest error in each turn of a carriage's screw."""
-    pitch_mm: Positive = 10.0
-    """Travel of a carriage in a turn of its screw."""
+    pitch_mm: OneOrEach = 10.0
+    """Travel of a carriage in a turn of its screw, or a list with that of each carriage."""
     ratio_ppm: NotNegative = 0.0
     """Standard deviation of ratios or pitches."""
 
@@ -253,6 +271,13 @@ class RobotSection(Section):
             count = entries * self.kind.arms
             if (values := getattr(self, key)) and len(values) != count:
                 raise ValueError(f"{key} has {len(values)} entries, a {self.mechanism} has {count}")
+        for key in RATES:
+            values = getattr(self.transmission, key)
+            if isinstance(values, tuple) and len(values) != self.kind.arms:
+                raise ValueError(
+                    f"transmission.{key} has {len(values)} entries, a {self.mechanism} has "
+                    f"{self.kind.arms}"
+                )
         # a size for cranks on a robot with carriages, or the reverse, would have no effect: refused
         sizes = {
             "backlash_arcmin": any(self.backlash_arcmin),

@@ -45,8 +45,8 @@ class Transmission:
     """Largest error in each turn of the motor, by an eccentric encoder there, rad or mm."""
     ripple_phase_rad: Array
     """Turn of the motor at which the ripple crosses zero upward, rad."""
-    motor_rad: float = 1.0
-    """Turn of the motor for 1 rad or mm of a joint, rad."""
+    motor_rad: float | Array = 1.0
+    """Turn of each motor for 1 rad or mm of its joint, rad: one for all, or (n,)."""
 
     @classmethod
     def perfect(cls, joints: int) -> "Transmission":
@@ -117,11 +117,12 @@ def heights_by_joints(rods: RodMechanism, joints: Array, plate: Plate) -> tuple[
 
 
 def readings_for(
-    flat: Mapping[str, float], kind: Kind, ripple_rate: float, joints: Array, present: Array
+    flat: Mapping[str, float], kind: Kind, ripple_rate: float | Array, joints: Array, present: Array
 ) -> Array:
     """Find the encoder readings (n,) at which arms stand at joints (n,), offsets left out.
 
-    `present` are the readings (n,) from which the joints go there.
+    `present` are the readings (n,) from which the joints go there, `ripple_rate` is the change of a
+    ripple's phase with the reading: one for all joints, or (n,).
     """
     # With q the reading, N the ripples' rate and s = ±1 the side that the joint moves to, an arm
     # stands at

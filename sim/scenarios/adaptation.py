@@ -18,7 +18,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from sim.errors import ScenarioInvalid
 from sim.geometry import CRANK_MM, KINDS, PLACES, Field, Kind, geometry_of
-from sim.robot.section import ENTRIES_OF_AN_ARM
+from sim.robot.section import ENTRIES_OF_AN_ARM, RATES
 from sim.scenarios.scenario import edited, parse_scenario
 from sim.section import Point
 
@@ -160,12 +160,16 @@ def _tolerance_of(field: Field) -> str:
 def _fit_arms(section: CommentedMap, kind: Kind) -> None:
     """Replace the entries of each arm by a backlash of the mean size at all new arms."""
     # Errors of single rods, places on the plate and tilts of axes go: they belong to arms that the
-    # new robot does not have, and tolerances of rods and axes stay.
+    # new robot does not have, and tolerances of rods and axes stay. Rates become their mean.
     entries = {key: section.pop(key, None) for key in ENTRIES_OF_AN_ARM}
     if backlash := entries["backlash_arcmin"]:
         mean = sum(backlash) / len(backlash)
         size = round(mean * MM_PER_ARCMIN, 6) if kind.on_rails else mean
         section["backlash_mm" if kind.on_rails else "backlash_arcmin"] = _row(*[size] * kind.arms)
+    gears = section.get("transmission", {})
+    for key in RATES:
+        if isinstance(rates := gears.get(key), list):
+            gears[key] = sum(rates) / len(rates)
 
 
 def _fit_drives(section: CommentedMap) -> None:

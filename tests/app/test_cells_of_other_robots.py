@@ -46,6 +46,14 @@ def test_gears_of_cranks_become_drives_by_the_way_of_a_crank_of_300_mm():
     assert (told.eccentricity_um, told.ratio_ppm) == (0.0, 50.0)
 
 
+def test_motors_of_unlike_rates_have_their_mean_at_other_arms(tmp_path):
+    cell, turns = tmp_path / "cell.yaml", "ripples_per_turn: [30.0, 30.0, 50.0, 50.0]"
+    gears = scenario_text("gears").replace("ripples_per_turn: 30.0", turns)
+    cell.write_text(gears, encoding="utf-8")
+    text = cell_text(find_robot("delta").robot, str(cell))
+    assert parse_scenario(text, "cell").robot.transmission.ripples_per_turn == 40.0
+
+
 @all_members
 def test_its_errors_are_as_large_as_the_scenario_s(member):
     """Of the robot's own parameters, drawn by the seed; the frame's are nominal."""

@@ -12,7 +12,8 @@ JOINTS = np.radians([10.0, -20.0, 35.0, 60.0])
 BACKLASH_DEG = 0.1
 
 
-def test_readings_are_those_at_which_the_simulated_gears_have_the_joints():
+@pytest.mark.parametrize("motor", [30.0, np.array([30.0, 50.0, 41.0, 100.0])], ids=["one", "each"])
+def test_readings_are_those_at_which_the_simulated_gears_have_the_joints(motor):
     phases, size, ripple = (0.3, -1.2), 2e-4, 3e-5
     gears = Transmission(
         eccentricity=np.full(4, size),
@@ -20,7 +21,7 @@ def test_readings_are_those_at_which_the_simulated_gears_have_the_joints():
         ratio=np.full(4, 150e-6),
         ripple=np.full(4, ripple),
         ripple_phase_rad=np.full(4, phases[1]),
-        motor_rad=30.0,
+        motor_rad=motor,
     )
     flat = {}
     for arm in range(4):
@@ -31,7 +32,7 @@ def test_readings_are_those_at_which_the_simulated_gears_have_the_joints():
             flat[f"arm{arm}.{name}_sin_deg"] = np.degrees(amplitude) * cos(phase)
             flat[f"arm{arm}.{name}_cos_deg"] = -np.degrees(amplitude) * sin(phase)
         flat[f"arm{arm}.encoder_gain_ppm"] = 150.0
-    readings = readings_for(flat, PAR4, 30.0, JOINTS, JOINTS)
+    readings = readings_for(flat, PAR4, motor, JOINTS, JOINTS)
     assert np.abs(readings - JOINTS).max() > 1e-5
     np.testing.assert_allclose(gears.joints(readings), JOINTS, atol=1e-7)
 

@@ -51,6 +51,23 @@ def test_gears_of_carriages_and_of_cranks_are_not_mistaken_for_each_other():
     assert sunk.at_plate_n == pytest.approx(9.81 * 1.6)
 
 
+def test_each_motor_may_have_a_rate_of_its_own():
+    robot = "robot: {nominal: par4-prototype"
+    gears = ", transmission: {{ripple_arcsec: 10.0, ripples_per_turn: {}}}"
+    one, each, few = (
+        MINIMAL.replace(robot, robot + gears.format(rates))
+        for rates in ("30", "[30, 30.0, 50, 100]", "[30, 50]")
+    )
+    motors = [
+        Cell(parse_scenario(text, "cell.yaml")).robot._behaviour.transmission.motor_rad.tolist()
+        for text in (one, each)
+    ]
+    assert motors == [[30.0] * 4, [30.0, 30.0, 50.0, 100.0]]
+    assert "transmission.ripples_per_turn has 2 entries, a par4 has 4" in explained(few)
+    line = explained(each.replace("50,", "-50,"))
+    assert "transmission.ripples_per_turn is inconsistent: give a number above 0" in line
+
+
 def test_realistic_robots_differ_by_seed_as_their_tolerances_say():
     scenario = load_scenario("realistic")
     nominal = nominal_robot("par4-prototype")[1]
