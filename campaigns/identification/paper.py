@@ -5,36 +5,51 @@ axes have to be known or fitted. The residual of a pair is the distance between 
 the model has at the two joint readings, minus the measured distance. Levenberg-Marquardt minimises
 the sum of the squared residuals, all with equal weight, over 22 of a Par4's 29 parameters: the
 others would turn or shift the whole robot, which distances cannot show, or are held by the paper's
-hypotheses. σ follow from the residuals themselves, s² = Σr²/ν.
+hypotheses. σ follow from the residuals themselves, s² = Σr²/ν: those of the parameters from
+s² (J'J)⁺, those of positions from the parameters'.
 
 The method is here to repeat the paper and to compare with it. It uses one number of the six that
 a pair gives, models no noise, no transmission and no change in time, and its σ hold only if the
-geometry is all that is wrong.
+geometry is all that is wrong: `GEOMETRY_ALONE` says so in every result.
 """
+
+from collections.abc import Iterator
 
 import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index
-from campaigns.errors import ShotsMissing
+from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.evaluation.decision import Decision
+from campaigns.evaluation.region import Region
 from campaigns.fit.rigid_transforms import directions, distances_mm
+from campaigns.identification import findings
+from campaigns.identification.findings import Finding
 from campaigns.identification.hold_out import distance_errors
 from campaigns.identification.options import IdentificationOptions, matching
+from campaigns.identification.positions import FEWEST_POSES, Positions, std_of_positions
 from campaigns.identification.result import (
     Excluded,
     IdentificationResult,
     ModelledTable,
     ParameterCovariance,
+    PositionStd,
     ResidualTable,
+    Share,
     identified_parameters,
 )
-from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
+from campaigns.kinematics.mechanism import Kinematics, KinematicSolution, NoSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
 STEP_TOLERANCE = 1e-12
 """Relative change of the parameters at which the solver stops: rounding, not a choice."""
+GEOMETRY_ALONE = Finding(
+    "geometry-alone",
+    "σ count the fitted lengths, places and joint offsets alone: tilts, gears, backlash and the "
+    "tracker's scale are left out, and a robot with usual ones errs by one to three times these σ",
+)
+"""Finding of every result, which is only reported."""
 
 
 def free_names(nominal: Kinematics, options: IdentificationOptions) -> tuple[str, ...]:
@@ -65,9 +80,17 @@ def identify_as_paper(
         )
     problem = _Distances(nominal, places, shots.rows(rows.ravel()), at_nominal.values[rows.ravel()])
     start = nominal.whole_p[places]
-    solved = scipy.optimize.least_squares(
-        problem.residual, start, problem.jacobian, method="lm", x_scale="jac", xtol=STEP_TOLERANCE
-    )
+    try:
+        solved = scipy.optimize.least_squares(
+            problem.residual,
+            start,
+            problem.jacobian,
+            method="lm",
+            x_scale="jac",
+            xtol=STEP_TOLERANCE,
+        )
+    except (NoSolution, np.linalg.LinAlgError) as error:
+        raise _no_robot(shots, rows, problem.residual(start), error) from error
     # With one pair for each parameter the fit is exact: no residuals are left to estimate σ from.
     dof = len(rows) - len(names)
     variance = float((solved.fun**2).sum() / dof) if dof else np.nan
@@ -86,7 +109,13 @@ def identify_as_paper(
     counted = counted[solution.is_solved[counted]]
     std = np.sqrt(np.diag(covariance)).tolist()
     values = zip((solved.x / units).tolist(), std, strict=True)
-    decision, reason = _verdict(unseen, converged=bool(solved.success))
+    stored = ParameterCovariance(names, tuple(map(tuple, covariance.tolist())))
+    positions = None
+    if dof and options.workspace is not None:
+        positions = _positions(identified, stored, options.workspace, poses[np.unique(rows)])
+    against = tuple(_findings(unseen, positions, converged=bool(solved.success)))
+    obstacles = tuple(finding for finding in against if finding.decision == "fail") or against
+    decision: Decision = next((f.decision for f in obstacles if f.decision), "pass")
     return IdentificationResult(
         model="paper",
         converged=bool(solved.success),
@@ -98,9 +127,14 @@ def identify_as_paper(
         unseen=unseen,
         modelled=ModelledTable.of(shots.rows(counted), nominal_poses[counted], poses[counted]),
         excluded=(*excluded, *unusable),
-        covariance=ParameterCovariance(names, tuple(map(tuple, covariance.tolist()))),
+        covariance=stored,
+        position_std_mm=None if positions is None else positions.std,
+        budget=() if positions is None else positions.shares,
+        region=None if positions is None else positions.region,
+        findings=(*against, GEOMETRY_ALONE),
         verdict=decision,
-        reasons=(reason,),
+        reasons=tuple(finding.says for finding in obstacles) or _gains(unseen, positions),
+        obstacles=tuple(finding.name for finding in obstacles),
     )
 
 
@@ -156,12 +190,67 @@ def _pairs(
     return rows[in_one_frame & is_solved], excluded
 
 
-def _verdict(unseen: ResidualTable | None, *, converged: bool) -> tuple[Decision, str]:
-    """Decide by the validation pairs alone whether the result may be used, and say why."""
+def _no_robot(shots: Shots, rows: Index, misfits_mm: Array, error: Exception) -> ShotsInvalid:
+    """Return the refusal of pairs (M, 2) that lead to no robot; it names the pair farthest off.
+
+    `misfits_mm` (M,) are the errors of the nominal robot's distances.
+    """
+    worst = int(np.abs(misfits_mm).argmax())
+    pair, typical_mm = shots.pairs[rows[worst, 0]], float(np.median(np.abs(misfits_mm)))
+    return ShotsInvalid(
+        f"the pairs lead to no robot ({error}): pair {pair} is {abs(misfits_mm[worst]):.2f} mm off "
+        f"the nominal robot's distance, half of all pairs at most {typical_mm:.2g} mm",
+        remedy=f"measure pair {pair} again or leave it out; or identify without --model paper, "
+        "which leaves wrong shots out by itself",
+    )
+
+
+def _positions(
+    identified: Kinematics, covariance: ParameterCovariance, workspace: Array, measured: Array
+) -> Positions | None:
+    """Return the uncertainty of positions at poses (N, t); None where too few can be taken.
+
+    `measured` (M, t) are the poses of the fitted shots.
+    """
+    # As `uncertainty_of_positions` has it: size in the frame of the sample alone, region in one
+    # frame of sample and shots.
+    _, sample = identified.select_reachable(workspace)
+    if len(sample) < FEWEST_POSES * len(workspace):
+        return None
+    std = std_of_positions(identified, covariance, sample, sample[:0])
+    of_both = std_of_positions(identified, covariance, np.vstack([sample, measured]), sample[:0])
+    count, task = len(sample), identified.mechanism.task
+    region = Region.of(sample, of_both[:count], of_both[count:], task)
+    rms = float(np.sqrt((std**2).mean()))
+    size = PositionStd(float(std.mean()), float(std.max()), rms, len(workspace) - count)
+    return Positions(size, region, (Share("pairs", "distances of the fitted pairs", "A", rms),))
+
+
+def _findings(
+    unseen: ResidualTable | None, positions: Positions | None, *, converged: bool
+) -> Iterator[Finding]:
+    """Yield what is against a result: of the solver, the validation pairs and σ of positions."""
     if not converged:
-        return "fail", "the solver did not converge"
+        yield Finding(findings.NOT_ARRIVED, "the solver did not converge", "fail")
     if unseen is None:
-        return "not decided", "no validation pairs: nothing shows that the result holds elsewhere"
-    errors = unseen.summary()
-    gain = f"hold-out pairs: {errors.says}"
-    return ("pass", gain) if errors.after.rms < errors.before.rms else ("fail", f"worse: {gain}")
+        says = "no validation pairs: nothing shows that the result holds elsewhere"
+        yield Finding(findings.NOTHING_UNSEEN, says, "not decided")
+    else:
+        errors = unseen.summary()
+        if not errors.after.rms < errors.before.rms:  # "not <", so that NaN fails as well
+            yield Finding(findings.WORSE, f"worse: hold-out pairs: {errors.says}", "fail")
+    if positions is None:
+        says = (
+            "σ of positions is unknown: there are as many pairs as parameters, or no poses of the "
+            "workspace that the identified robot can take; measure more pairs, look at robot.yaml"
+        )
+        yield Finding(findings.NO_POSITIONS, says, "not decided")
+    else:
+        yield from findings.region_findings(positions.region)
+
+
+def _gains(unseen: ResidualTable | None, positions: Positions | None) -> tuple[str, ...]:
+    """Return what a passed result gained, and where it is valid."""
+    if unseen is None or positions is None:
+        return ()
+    return f"hold-out pairs: {unseen.summary().says}", positions.region.says

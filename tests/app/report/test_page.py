@@ -194,7 +194,7 @@ def test_a_page_shows_what_a_campaign_has_and_names_what_it_lacks(tmp_path: Path
     paper.identify("paper")
     result = page(paper)
     assert figures(result) == FIGURES - {"straightness", "rotation", "repeatability"}
-    assert 'id="budget"' not in result.html
+    assert 'id="budget"' in result.html
     assert "validate --stage before" in missing(result)
     assert "validate --stage after" in missing(result)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from rod_campaigns import TRACKER_FROM_BASE, rod_campaign
 
+from campaigns.api import sample_workspace
 from campaigns.evaluation.model_errors import ModelErrors
 from campaigns.evidence import Evaluation, Evidence, MeasuredSeries, gather
 from campaigns.fit.rigid_transforms import from_paper_angles
@@ -14,7 +15,8 @@ from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.robots.robot import find_robot
 
-NOMINAL = find_robot("par4-prototype").robot.kinematics
+ROBOT = find_robot("par4-prototype").robot
+NOMINAL, WORKSPACE = ROBOT.kinematics, sample_workspace(ROBOT, 30)
 NOISE_MM = 0.01
 MOVED_AT = 70
 ELSEWHERE = from_paper_angles(np.array([1.2, 0.05, -0.03]), np.array([900.0, -2000.0, 40.0]))
@@ -31,7 +33,8 @@ def shots():
 
 
 def recorded(data, model):
-    result = identify(NOMINAL, data, IdentificationOptions(model=model, sessions=True))
+    how = IdentificationOptions(model=model, sessions=True, workspace=WORKSPACE)
+    result = identify(NOMINAL, data, how)
     digests = dict.fromkeys(("robot_digest", "plan_digest", "journal_digest"), "")
     return RecordedIdentification.of(result, series=1, journal_records=1, at_utc="", **digests)
 

@@ -215,3 +215,34 @@ def test_the_papers_model_fits_its_parameters_by_distances(clean):
     assert len(result.free) == 22
     assert result.residuals_mm.after.rms < 0.1 * result.residuals_mm.before.rms
     assert result.posterior is None
+
+
+def test_the_papers_model_states_sigma_of_positions_or_does_not_pass():
+    campaign = rod_campaign("par4-prototype", shots=120, pairs=20, seed=3)
+    result = identified(campaign, model="paper")
+    assert result.verdict == "pass", result.reasons
+    real_mm = campaign.position_error_mm(result)
+    assert 0.4 * real_mm < result.position_std_mm.rms < 2.0 * real_mm
+    assert [share.mm for share in result.budget] == [result.position_std_mm.rms]
+    assert any("tilts, gears" in finding.says for finding in result.findings)
+    without = identify(
+        campaign.robot.kinematics, campaign.shots, IdentificationOptions(model="paper")
+    )
+    assert without.verdict == "not decided"
+    assert without.obstacles == (findings.NO_POSITIONS,)
+
+
+def test_the_papers_model_has_no_sigma_from_as_many_pairs_as_parameters():
+    campaign = rod_campaign("par4-prototype", shots=44, pairs=20, seed=3)
+    result = identified(campaign, model="paper")
+    assert result.verdict != "pass"
+    assert result.position_std_mm is None
+
+
+def test_the_papers_model_refuses_a_gross_point_and_names_its_pair():
+    campaign = rod_campaign("par4-prototype", shots=60, pairs=10, seed=1)
+    points = campaign.shots.points_in_tracker_mm.copy()
+    points[10] += [0.0, 300.0, 0.0]
+    with pytest.raises(ShotsInvalid, match=r"pair 5 is \d+\.\d\d mm off") as caught:
+        identified(with_points(campaign, points), model="paper")
+    assert "measure pair 5 again" in caught.value.remedy
