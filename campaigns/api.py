@@ -124,7 +124,8 @@ def identify(
             beyond the usual ones, or held at their nominal values.
         priors: 1 σ by name or pattern, in mm, deg and ppm: `{"arm*.arm_mm": 0.05}`.
         options: Further options of `pkmcal identify` by name, with `_` for `-`, as words or
-            values: `{"hold_out": "20%"}`. The arguments above take precedence.
+            values: `{"hold_out": "20%"}`, or as an `IdentificationOptions`. The arguments above
+            take precedence. Tolerances and workspace that they leave out are the robot's.
 
     Returns:
         Parameters with their posterior, residuals before and after, findings and verdict;
@@ -141,17 +142,18 @@ def identify(
         >>> print(result.report())
     """
     # The arguments become words, are joined with the other options, and all are read by the reader
-    # of the command line: so a word means in Python what it means there. Options as an object
-    # are taken as they are; words alone are completed as a campaign would complete them, by the
-    # robot's tolerances and a sample of its workspace.
+    # of the command line: so a word means in Python what it means there. What options leave out,
+    # words and objects alike, is completed by the robot's tolerances and a sample of its workspace,
+    # which a campaign would add.
     if isinstance(priors, Mapping):
         priors = [f"{pattern}={std}" for pattern, std in priors.items()]
     if isinstance(options, IdentificationOptions):
-        words = {each.name: getattr(options, each.name) for each in fields(options)}
-    else:
+        options = {each.name: getattr(options, each.name) for each in fields(options)}
+    words = dict(options or {})
+    words["tolerances"] = words.get("tolerances") or robot.tolerances
+    if words.get("workspace") is None:
         reach = robot.kinematics, robot.limits, robot.workspace_centre
-        sample = pose_sampling.sample_workspace(*reach)
-        words = {"tolerances": robot.tolerances, "workspace": sample} | dict(options or {})
+        words["workspace"] = pose_sampling.sample_workspace(*reach)
     arguments = {"free": free, "fix": fix, "prior": priors, "model": model}
     words |= {name: value for name, value in arguments.items() if value}
     wanted = options_of(IdentificationOptions, words)

@@ -1,5 +1,6 @@
 """The Python API: names that a prompt completes, words for enums, single poses for batches."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 import pkmcal
 from campaigns.errors import ConfigInvalid, OptionsInvalid, PlanInvalid
+from campaigns.identification.options import IdentificationOptions
 from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import RobotFile
 from campaigns.robots.robot import find_robot as find_robot_file
@@ -66,6 +68,20 @@ def test_options_are_the_words_of_the_command_line(measured):
     assert fewer.std()["arm2.arm_mm"] <= 0.001
     assert max(fewer.fitted.numbers) <= 39
     assert fewer.hold_out.pairs == 4
+
+
+def test_options_as_an_object_are_completed_as_words_are(measured):
+    shots, robot = measured
+    robot = replace(robot, tolerances={"places_mm": 0.05})
+    by_words = identify(shots, robot, options={"hold_out": "20%"})
+    by_object = identify(shots, robot, options=IdentificationOptions(hold_out=0.2))
+    assert by_object.position_std_mm == by_words.position_std_mm is not None
+    assert by_object.region == by_words.region
+    assert by_object.flat() == by_words.flat()
+    assert by_object.verdict == by_words.verdict
+    workspace = sample_workspace(robot, 20)
+    at_few = identify(shots, robot, options=IdentificationOptions(workspace=workspace))
+    assert at_few.position_std_mm != by_words.position_std_mm
 
 
 def test_a_result_is_a_report_and_a_table(measured):
