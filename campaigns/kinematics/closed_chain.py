@@ -548,6 +548,12 @@ class ClosedChain:
         turned_over = np.abs(poses[:, 3:]) >= self.platform.turn_limit_rad
         return np.asarray(is_below & is_mode_of_home & ~turned_over.any(axis=1))
 
+    def is_mode_of_home(self, p: Array, joints: Array, poses: Array) -> Mask:
+        """Return which poses (N, t) of joints (N, n) are the assembly that `assemble` looks for."""
+        geometry = self.geometry(p)
+        upper_ends = self.limb.upper_ends(geometry.arms, self.true_joints(geometry, joints))
+        return self._is_wanted(geometry, upper_ends, poses, self.assembly_sign(geometry))
+
     def _append_tilt(self, geometry: Geometry, upper_ends: Array, poses: Array) -> Array:
         """Return the unknowns (N, t + 3) of poses (N, t) of forearms with these upper ends."""
         y = np.pad(poses, ((0, 0), (0, 3)))

@@ -54,6 +54,7 @@ class Violation(IntFlag):
     SWING_LIMIT = 8
     SINGULAR = 16
     ABOVE_ELBOWS = 32
+    OTHER_ASSEMBLY = 64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,6 +114,8 @@ class Feasibility:
         ]
         if Violation.ABOVE_ELBOWS in violated:
             words.append(f"another assembly: the platform would be above its {end}s")
+        elif Violation.OTHER_ASSEMBLY in violated:
+            words.append("another assembly: from home these joints lead to another pose")
         if Violation.SINGULAR in violated:
             words.append(
                 f"too near a singularity: margin {self.singular_value[row]:.3f} "
@@ -123,7 +126,7 @@ class Feasibility:
 
 
 def feasibility(chain: ClosedChain, p: Array, limits: Limits, poses: Array) -> Feasibility:
-    """Judge poses (N, t) by reach, limits, forearm swing and distance from singularities."""
+    """Judge poses (N, t) by reach, assembly mode, limits, swing and distance from singularities."""
     joints, is_solved = chain.inverse(p, poses)
     margins = path_feasibility(chain, p, limits, joints, poses)
     is_beyond = outside(joints, limits.joint).any(axis=1)
@@ -132,6 +135,11 @@ def feasibility(chain: ClosedChain, p: Array, limits: Limits, poses: Array) -> F
         | ~is_solved * int(Violation.OUT_OF_REACH)
         | is_beyond * int(Violation.JOINT_LIMIT)
     )
+    # Joints of another assembly mode would bring the robot to another pose than the one judged.
+    # Poses of ways need no such check: they are solved in the mode of home.
+    rows = np.flatnonzero(violations == Violation.NONE)
+    is_elsewhere = ~chain.is_mode_of_home(p, joints[rows], poses[rows])
+    violations[rows[is_elsewhere]] = Violation.OTHER_ASSEMBLY
     return replace(margins, violations=violations.astype(np.uint8))
 
 

@@ -97,6 +97,26 @@ def test_the_margin_vanishes_where_the_assembly_could_turn_over():
     assert Violation.SINGULAR in violations(wide, singular)
 
 
+@pytest.mark.parametrize("name", ["par4", "h4", "delta"])
+def test_without_limits_of_the_turn_feasible_poses_are_those_that_assemble_there(name):
+    member = BY_NAME[name]
+    task = member.mechanism.task
+    limits = replace(member.limits, task=(None,) * len(task))
+    centre = member.shipped.workspace_centre
+    half = search_extent(member.mechanism, member.nominal.p, member.limits, centre)
+    half[3:] = np.pi
+    poses = centre + half * np.random.default_rng(5).uniform(-1.0, 1.0, (4000, len(task)))
+    judged = member.nominal.feasibility(limits, poses)
+    taken = judged.feasible
+    reached = member.nominal.forward(judged.joints[taken]).values_or_raise()
+    assert np.abs(reached - poses[taken]).max() < 1e-6
+    elsewhere = np.flatnonzero(judged.violations == Violation.OTHER_ASSEMBLY)
+    assert bool(len(elsewhere)) == (len(task) > 3)
+    for row in elsewhere[:3]:
+        (line,) = judged.describe(row)
+        assert line.startswith("another assembly: ")
+
+
 def test_margins_of_a_delta_are_those_of_its_geometry():
     """Swing, singular value and elbow by hand, from elbows, forearms and crank directions."""
     member = BY_NAME["delta"]
