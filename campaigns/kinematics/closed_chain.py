@@ -570,13 +570,18 @@ class ClosedChain:
     # 2. one Gauss-Newton step of the forward model at these joints: the pose reached;
     # 3. goal += pose wanted - pose reached, and again from 1.
     def inverse(self, p: Array, poses: Array, approach: Array | None = None) -> tuple[Array, Mask]:
-        """Return the encoder readings (N, n) of poses (N, t), and which rows are solved."""
+        """Return the encoder readings (N, n) of poses (N, t), and which rows are solved.
+
+        A row whose rounds do not settle has no solution: its joints would reach another pose.
+        """
         geometry, goal = self.geometry(p), poses.copy()
         joints, is_solved = self._inverse_of_level_plate(geometry, goal)
-        is_level = not (geometry.tilts or geometry.compliance.any() or geometry.sag.any())
+        bends = geometry.tilts or geometry.compliance.any() or geometry.sag.any()
         y = np.pad(poses, ((0, 0), (0, 3))) if geometry.tilts else poses.copy()
-        rows = np.flatnonzero(is_solved)
-        for _ in range(0 if is_level else MOST_INVERSE_ROUNDS):
+        rows, change = np.flatnonzero(is_solved & bends), np.zeros(len(poses))
+        for _ in range(MOST_INVERSE_ROUNDS):
+            if not len(rows):
+                break
             true = joints[rows]
             if geometry.compliance.any():
                 true = true + geometry.compliance * self._weight_loads(geometry, true, goal[rows])
@@ -587,10 +592,9 @@ class ClosedChain:
             goal[rows] += error
             joints[rows], is_within_reach = self._inverse_of_level_plate(geometry, goal[rows])
             is_solved[rows] = is_within_reach & np.isfinite(error).all(axis=1)
-            change = np.maximum(np.abs(error).max(axis=1), np.abs(step).max(axis=1))
-            rows = rows[is_solved[rows] & (change > INVERSE_ERROR_MM)]
-            if not len(rows):
-                break
+            change[rows] = np.maximum(np.abs(error).max(axis=1), np.abs(step).max(axis=1))
+            rows = rows[is_solved[rows] & (change[rows] > INVERSE_ERROR_MM)]
+        is_solved &= change < 1e3 * INVERSE_ERROR_MM  # the last rounds may come close enough
         joints[~is_solved] = np.nan
         readings = transmission.encoder_readings(geometry.arms, joints, approach, self.phase_rate)
         return readings, is_solved

@@ -122,6 +122,19 @@ class TestForwardAndInverse:
         apart = (again - joints) / member.file_units(member.mechanism.joints)
         assert np.abs(apart).max() < CLOSE
 
+    @pytest.mark.parametrize("sag_mm", [20.0, 120.0, 150.0])
+    def test_joints_are_given_only_where_their_rounds_settle(self, sag_mm):
+        """A plate that rises by half of its height or more: rounds converge slowly, or never."""
+        member = BY_NAME["linear-delta"]
+        p = member.nominal.p.copy()
+        p[member.space.places(["sag_z_mm"])] = sag_mm
+        robot = member.robot_of(p)
+        poses = member.reachable_poses(member.nominal, 50, seed=11)
+        solution = robot.inverse(poses)
+        reached = robot.forward(solution.values[solution.is_solved]).values_or_raise()
+        assert np.abs(reached - poses[solution.is_solved]).max(initial=0.0) < 1e-6
+        assert solution.is_solved.all() == (sag_mm < 100.0)
+
     @all_members
     def test_a_hint_on_another_assembly_leads_to_the_wanted_one(self, member):
         """The platform mirrored over its elbows closes the chain or nearly does, but stands."""
