@@ -1,20 +1,22 @@
 """Check of a calibration by a few shots, and update of the parameters by them."""
 
 # A check asks whether the robot is still the one that was identified. It measures some of the
-# plan's identification shots again, spread evenly over the plan, and compares them with what the
-# stored posterior predicts (campaigns/identification/checking.py). Shots are commanded by joints:
-# the answer then does not depend on the parameters in the controller.
+# plan's identification shots again, spread over the plan, and compares them with what the stored
+# posterior predicts (campaigns/identification/checking.py). Shots are commanded by joints: the
+# answer then does not depend on the parameters in the controller.
 # An update takes the stored posterior as the prior of a fit to the check's shots, so that eight
 # shots improve what a hundred determined. It is recorded as an identification of its own, whose
 # pedigree names the set that it continues and the series that it used.
 
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
 
 from campaigns.campaign import Campaign, now_utc
 from campaigns.controllers.export import latest_identification, require_usable
-from campaigns.errors import ShotsMissing, VerdictBad
+from campaigns.design.tours import shortest_tour
+from campaigns.errors import PlanInvalid, ShotsMissing, VerdictBad
 from campaigns.identification.checking import RecordedCheck, check, read_check
 from campaigns.identification.identify import update
 from campaigns.identification.result import Pedigree, RecordedIdentification, StoredPosterior
@@ -23,9 +25,12 @@ from campaigns.journal.records import Finding
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.measuring.work import Work
 from campaigns.options import CheckOptions
+from campaigns.planning.paths import RobotModel
+from campaigns.planning.plan_file import PlannedShot
+from campaigns.planning.plans import joints_of
 from campaigns.planning.steps import joint_steps
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import Shots, shots_of_journal
+from campaigns.shots.shots import Shots, shots_of_journal, with_readings
 from campaigns.workflow.identification import identification_options
 from campaigns.workflow.work import engine_work
 
@@ -34,24 +39,57 @@ CHECK_SHOTS = 8
 
 
 def check_work(campaign: Campaign, options: CheckOptions) -> Work:
-    """Return the work of a check: shots spread evenly over the plan, commanded by joints.
+    """Return the work of a check: shots all over the plan on a short tour, commanded by joints.
 
     Raise `ShotsMissing` or `VerdictBad` without an identification that passed, and `PlanInvalid`.
     """
     with campaign.journal_reader() as journal:
         identification, _ = _passed_identification(campaign, journal)
     fitted = [s for s in campaign.read_plan() if s.purpose is ShotSet.IDENTIFICATION]
-    count = min(options.shots or CHECK_SHOTS, len(fitted))
-    # a short plan may give the same place twice: each counts once
-    places = np.unique(np.linspace(0, len(fitted) - 1, count).astype(int)).tolist()
+    identified = Kinematics.of(campaign.robot.mechanism, identification.flat())
+    robot = replace(campaign.robot_model, kinematics=identified)
+    chosen = _shots_on_tour(fitted, options.shots or CHECK_SHOTS, robot)
     planned = [
-        replace(fitted[place], shot=number, purpose=ShotSet.CHECK, pair=None)
-        for number, place in enumerate(places)
+        replace(shot, shot=number, purpose=ShotSet.CHECK, pair=None)
+        for number, shot in enumerate(chosen)
     ]
-    robot = Kinematics.of(campaign.robot.mechanism, identification.flat())
     fit_options = identification_options(campaign)
     digest = _digest(campaign, identification)
-    return engine_work(campaign, "check", joint_steps(planned), robot, digest, fit_options)
+    return engine_work(campaign, "check", joint_steps(planned), identified, digest, fit_options)
+
+
+# The joints of a plan at the limits may bring the identified robot beyond them, and no safe way
+# leads there. So ways are tested before anything moves:
+#
+# 1. Places spread evenly over the plan. Each takes the nearest shot in the plan's order that the
+#    identified robot reaches by a safe way from the workspace's centre.
+# 2. A short tour of these shots, which begins at the centre.
+def _shots_on_tour(
+    fitted: Sequence[PlannedShot], count: int, robot: RobotModel
+) -> tuple[PlannedShot, ...]:
+    """Return up to `count` of the fitted shots that a robot reaches; raise `PlanInvalid` for none.
+
+    The same robot and plan give the same shots.
+    """
+    kinematics, joints = robot.kinematics, joints_of(fitted)
+    centre, order = kinematics.inverse(robot.centre[None]), list[int]()
+    places = np.linspace(0, len(fitted) - 1, min(count, len(fitted))).astype(int)
+    # a short plan may give the same place twice: each counts once
+    for place in np.unique(places) if centre.is_solved[0] else ():
+        for near in np.argsort(np.abs(np.arange(len(fitted)) - place), kind="stable").tolist():
+            if near not in order and robot.safe_path(centre.values[0], joints[near]):
+                order.append(near)
+                break
+    if not order:
+        raise PlanInvalid(
+            "the identified robot reaches no identification shot of plan.csv from the centre",
+            remedy="correct validation.centre_mm in campaign.yaml, or make a new plan",
+        )
+    stops = np.repeat(np.array(order)[:, None], 2, axis=1)  # each shot as a pair of itself
+    tour = shortest_tour(
+        kinematics.comparable(joints), stops, kinematics.comparable(centre.values[0])
+    )
+    return tuple(fitted[place] for place in tour[:, 0].tolist())
 
 
 def record_check(campaign: Campaign, journal: Journal, series: int) -> RecordedCheck:
@@ -137,4 +175,4 @@ def _digest(campaign: Campaign, identification: RecordedIdentification) -> str:
 def _shots(campaign: Campaign, journal: JournalReader, series: int) -> Shots:
     """Return the shots of a check's series that were accepted."""
     shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
-    return shots.of_set(ShotSet.CHECK)
+    return with_readings(shots.of_set(ShotSet.CHECK), campaign.config.part_temperatures)
