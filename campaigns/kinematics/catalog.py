@@ -2,7 +2,8 @@
 
 The paper's method holds some parameters at nominal: azimuths (its hypothesis iii), the parameters
 that place the base frame, and those that no measurement determines because rails are upright or the
-platform slides. The model with priors needs no such list: there, every parameter is an unknown.
+platform slides. A parameter set for a plain controller (`export --format plain`) is fitted with the
+same list. The model with priors needs no such list: there, every parameter is an unknown.
 """
 
 import importlib.util

@@ -107,7 +107,8 @@ class ClosedChain:
     limb: Limb
     platform: Platform
     held_by_paper: tuple[str, ...] = ()
-    """Parameters, or fields of all arms, that the paper's method holds at nominal."""
+    """Parameters, or fields of all arms, that the paper's method holds at nominal, and a parameter
+    set for a plain controller as identified."""
     plate: PlateGeometry | None = None
     """Nominal places on the plate; None: typical ones."""
     rates: tuple[float, ...] = ()
@@ -140,7 +141,7 @@ class ClosedChain:
 
     @cached_property
     def free_by_paper(self) -> tuple[str, ...]:
-        """Names of the geometry that the paper's method fits."""
+        """Names of the geometry that the paper's method and plain parameter sets fit."""
         table, held = self.parameters, set(self.held_by_paper)
         return tuple(name for name in table.names if not {name, table[name].field.name} & held)
 
@@ -302,8 +303,9 @@ class ClosedChain:
     ) -> Array:
         """Return d(pose)/dp (N, t, P) at fixed encoder readings (N, n), of the poses there.
 
-        `poses` are (N, t), or the unknowns of an assembly, (N, t + 3). Raise `LinAlgError` at a
-        singular pose.
+        `poses` are (N, t), or the unknowns of an assembly, (N, t + 3). Left out are the change of
+        the weight's loads with the pose and, of four arms, the curvature of rods that do not close:
+        less than 1 % with parts at two tolerances. Raise `LinAlgError` at a singular pose.
         """
         geometry, table = self.geometry(p), self.parameters
         true, task_size = self.true_joints(geometry, joints, approach), len(self.task)
