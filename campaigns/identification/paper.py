@@ -246,7 +246,7 @@ def _findings(
         )
         yield Finding(findings.NO_POSITIONS, says, "not decided")
     else:
-        yield from findings.region_findings(positions.region)
+        yield from findings.position_findings(positions.region, None, was_asked=True)
 
 
 def _gains(unseen: ResidualTable | None, positions: Positions | None) -> tuple[str, ...]:

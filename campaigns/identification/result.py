@@ -400,9 +400,7 @@ class IdentificationResult:
         Parameter files and checks name the set that they belong to by its digest.
         """
         # The rate is no unknown, but a ripple's two amplitudes mean nothing without it.
-        values = self.flat()
-        if mechanism.rate:
-            values[mechanism.parameters.rate.name] = mechanism.rate
+        values = mechanism.parameters.named_rates(mechanism.rates) | self.flat()
         return Parameters.of(mechanism.parameters, values, self.std())
 
     def std(self) -> dict[str, float]:
