@@ -80,18 +80,21 @@ def unseen_pairs(
     rows = pairs[usable & can_be_taken]
     if not len(rows):
         return UnseenPairs(rows, None, None, lost)
-    return _predicted_pairs(fit, shots, at_nominal.values, rows, observations, lost)
+    table = distance_errors(shots, rows, at_nominal.values, identified.values)
+    return _predicted_pairs(fit, table, rows, observations, lost)
 
 
 def _predicted_pairs(
     fit: Fit,
-    shots: Shots,
-    near: Array,
+    table: ResidualTable,
     rows: Index,
     observations: Observations,
     lost: tuple[Excluded, ...],
 ) -> UnseenPairs:
-    """Predict the distances of pairs (M, 2), with their covariance by parameters and points."""
+    """Test the distances of pairs (M, 2) by their covariance: of parameters, and of both points.
+
+    `table` has the errors of the identified parameters alone, by which limits are judged.
+    """
     # 1. Predict the points of the pairs at the identified unknowns, effects included.
     # 2. Project the residuals of both points on the line between them: the distance's error.
     # 3. Propagate the covariance of the unknowns and the noise of the points to the distances.
@@ -114,14 +117,13 @@ def _predicted_pairs(
     dof = effective_dof(float(np.trace(covariance)), float(estimated), max(fit.freedom, 1.0))
     p = chance_of_larger(chi2, len(rows), dof)
     ratio = float(np.sqrt((errors**2).sum() / np.trace(covariance)))
-    requirements = distance_requirements(errors, covariance, {"mean": 0.0, "max": 0.0}, dof)
+    requirements = distance_requirements(
+        table.after[:, 0], covariance, {"mean": 0.0, "max": 0.0}, dof
+    )
     reach_mm = {
         name: float(abs(requirement.error or 0.0) + (requirement.expanded_uncertainty or 0.0))
         for name, requirement in zip(("mean", "max"), requirements, strict=True)
     }
-    before = distances_mm(near[:, :3], rows[:, 0], rows[:, 1]) - shots.measured_distances_mm(rows)
-    numbers = [shots.pairs[row] or 0 for row in rows[:, 0].tolist()]
-    table = ResidualTable.from_arrays("pairs", numbers, before[:, None], errors[:, None])
     return UnseenPairs(rows, table, HoldOut(len(rows), chi2, p, ratio, reach_mm), lost)
 
 
