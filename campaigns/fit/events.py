@@ -328,11 +328,7 @@ def scan(fit: Fit, spans_of: Mapping[str, Index]) -> dict[str, Candidates]:
 
 def log_bayes_factors(score: Array, information: Array) -> Array:
     """Return log B (M,) of scores u (M, k, 1) and information I (M, k, k), the mean over sizes."""
-    log_factors = []
-    for size in USUAL_CHANGES:
-        matrix = size**2 * information + np.eye(information.shape[-1])
-        gain = size**2 * (score * np.linalg.solve(matrix, score))[..., 0].sum(axis=-1)
-        log_factors.append(0.5 * gain - 0.5 * np.linalg.slogdet(matrix)[1])
+    log_factors = [_log_factors(size * score, size**2 * information) for size in USUAL_CHANGES]
     return np.asarray(np.logaddexp.reduce(log_factors, axis=0) - np.log(len(USUAL_CHANGES)))
 
 
@@ -418,31 +414,29 @@ def scan_periods(fit: Fit) -> PeriodScan:
 
 def _factors_of_rates(fit: Fit, rates: Array) -> Array:
     """Return the log Bayes factors (R, 1 + n) of sine and cosine of each rate."""
-    # W = L L' whitens rows; F = L'A, so that information is c'c - |K c|² with K = (F chol C)'.
-    joints, arms = fit.observations.joints, fit.observations.joints.shape[1]
-    whitening = np.linalg.cholesky(fit.weights + 1e-30 * np.eye(3)).swapaxes(1, 2)
-    jacobian = (whitening @ fit.at.jacobian).reshape(3 * len(joints), -1)
-    residual = (whitening @ fit.residual[..., None]).ravel()
-    known = (jacobian @ np.linalg.cholesky(fit.inverse)).T
-    by_joint = (whitening @ fit.at.by_joint) * ripple_tolerance(fit.model)
-    log_factors = np.empty((len(rates), 1 + arms))
-    for number, rate in enumerate(rates):
-        waves = np.stack([np.sin(rate * joints), np.cos(rate * joints)], axis=2)
-        columns = (by_joint[..., None] * waves[:, None]).reshape(len(residual), 2 * arms)
-        score, shared = columns.T @ residual, known @ columns
-        information = columns.T @ columns - shared.T @ shared
-        log_factors[number, 0] = _log_factor(score, information)
-        for arm in range(arms):
-            rows = slice(2 * arm, 2 * arm + 2)
-            log_factors[number, 1 + arm] = _log_factor(score[rows], information[rows, rows])
-    return log_factors
+    joints, white = fit.observations.joints, fit.whitened
+    count, arms = len(rates), joints.shape[1]
+    phases = rates[:, None] * joints[:, None]  # (N, R, n)
+    waves = np.stack([np.sin(phases), np.cos(phases)], axis=3)
+    by_joint = ripple_tolerance(fit.model) * fit.at.by_joint
+    # columns of all rates at once: (N, 3, R, n, 2)
+    columns = white.columns(by_joint[:, :, None, :, None] * waves[:, None])
+    score = (columns.T @ white.residual).reshape(count, 2 * arms, 1)
+    shared = (white.known @ columns).reshape(-1, count, 2 * arms).transpose(1, 0, 2)
+    alone = columns.reshape(-1, count, 2 * arms).transpose(1, 0, 2)
+    information = alone.swapaxes(1, 2) @ alone - shared.swapaxes(1, 2) @ shared
+    log_factors = [_log_factors(score, information)]
+    for arm in range(arms):
+        rows = slice(2 * arm, 2 * arm + 2)
+        log_factors.append(_log_factors(score[:, rows], information[:, rows, rows]))
+    return np.stack(log_factors, axis=1)
 
 
-def _log_factor(score: Array, information: Array) -> float:
-    """Return log B of a score u (k,) and information I (k, k) at the usual size."""
-    matrix = information + np.eye(len(score))
-    gain = float(score @ np.linalg.solve(matrix, score))
-    return 0.5 * gain - 0.5 * float(np.linalg.slogdet(matrix)[1])
+def _log_factors(score: Array, information: Array) -> Array:
+    """Return log B (M,) of scores u (M, k, 1) and information I (M, k, k) at the usual size."""
+    matrix = information + np.eye(information.shape[-1])
+    gain = (score * np.linalg.solve(matrix, score))[..., 0].sum(axis=-1)
+    return np.asarray(0.5 * gain - 0.5 * np.linalg.slogdet(matrix)[1])
 
 
 def ripple_tolerance(model: ErrorModel) -> float:

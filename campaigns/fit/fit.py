@@ -32,6 +32,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.fit import wrong_shots
@@ -79,6 +80,32 @@ class Prior:
     lengths: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Value and 1 σ of a tracker's source that known lengths measured, instead of its tolerance, in
     the source's unit: mm, rad or a ratio."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Whitened:
+    """Residuals of a fit in units of their noise, and what its unknowns explain of further columns.
+
+    With W = R'R and whitened columns c = R a, all unknowns integrated out, c'c - |K c|² is the
+    information on the columns' own unknowns, with K = L⁻¹ (R A)' and A'WA + D = L L'.
+    """
+
+    root: Array
+    """R, (N, 3, 3)."""
+    residual: Array
+    """(3 N,)"""
+    known: Array
+    """K, (Q, 3 N)."""
+
+    def columns(self, columns: Array) -> Array:
+        """Return columns (N, 3, …) in units of the noise, (3 N, k)."""
+        flat = columns.reshape(len(self.root), 3, -1)
+        return np.asarray((self.root @ flat).reshape(len(self.residual), -1))
+
+    def information(self, columns: Array) -> Array:
+        """Return the information (k, k) on the unknowns of whitened columns (3 N, k)."""
+        shared = self.known @ columns
+        return np.asarray(columns.T @ columns - shared.T @ shared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,6 +223,16 @@ class Fit:
         return np.asarray(np.linalg.inv(self.normal[0] + self.precision))
 
     @cached_property
+    def whitened(self) -> "Whitened":
+        """Residuals and derivatives in units of their noise."""
+        root = np.linalg.cholesky(self.weights + 1e-30 * np.eye(3)).swapaxes(1, 2)
+        rows = 3 * len(self.good)
+        jacobian = (root @ self.at.jacobian).reshape(rows, -1)
+        factor = np.linalg.cholesky(self.normal[0] + self.precision)
+        known = scipy.linalg.solve_triangular(factor, jacobian.T, lower=True)
+        return Whitened(np.asarray(root), (root @ self.residual[..., None]).ravel(), known)
+
+    @cached_property
     def covariance(self) -> Array:
         """Posterior covariance (Q, Q) of unknowns in tolerances, effects and frames."""
         return self.inverse if self.spread is None else self.inverse + self.spread
@@ -295,7 +332,7 @@ def refit(
 
 def _iterate(fit: Fit, far_rounds: int) -> Fit:
     """Take steps until the fit has settled; weights come after `far_rounds` at the latest."""
-    is_started, change, rounds = False, 1.0, 1
+    is_started, change, rounds, before = False, 1.0, 1, np.inf
     while rounds < MOST_ROUNDS and not (
         fit.gain < SETTLED_GAIN and fit.updates >= LEAST_UPDATES and change < SETTLED_WEIGHT
     ):
@@ -304,7 +341,11 @@ def _iterate(fit: Fit, far_rounds: int) -> Fit:
                 fit, is_started = _robust_start(fit), True
             fit, change = update_weights(fit)
             fit = replace(fit, updates=fit.updates + 1)
-        following, taken = _step(fit, MOST_ROUNDS - rounds)
+        # Products of unknowns, such as tilts times places on the plate, may make steps overshoot to
+        # and fro for ever: half a step ends that.
+        share = 0.5 if is_started and fit.gain > 0.5 * before else 1.0
+        before = fit.gain
+        following, taken = _step(fit, MOST_ROUNDS - rounds, share)
         rounds += taken
         if following is None:
             break
@@ -370,10 +411,13 @@ def _predicted(fit: Fit, x: Array, frames: tuple[Transform, ...]) -> Fit:
     return replace(fit, at=at, noise=noise_parts(fit.model, fit.observations, at.by_joint))
 
 
-def _step(fit: Fit, most: int) -> tuple[Fit | None, int]:
-    """Take a shortened step; return None if none lowers χ², and the number of trials."""
+def _step(fit: Fit, most: int, share: float) -> tuple[Fit | None, int]:
+    """Take a share of the step, or a quarter of that and so on, until χ² does not rise.
+
+    Return None if no step lowers it, and the number of trials.
+    """
     limit = fit.objective * (1.0 + 1e-6) + ALLOWED_RISE
-    step, size = fit.step, fit.model.size
+    step, size = share * fit.step, fit.model.size
     for trial in range(most):
         frames = moved_frames(fit.at.frames, step[size:])
         following = _predicted(fit, fit.at.x + step[:size], frames)

@@ -76,20 +76,13 @@ def candidate_layers(fit: Fit) -> list[Layer]:
 # size of its own and is there or not, with even odds.
 def log_factors(fit: Fit, layers: list[Layer]) -> Array:
     """Return the log Bayes factor of each layer, the mean over sizes."""
-    whitening = np.linalg.cholesky(fit.weights + 1e-30 * np.eye(3)).swapaxes(1, 2)
-    rows = 3 * len(fit.good)
-    jacobian = (whitening @ fit.at.jacobian).reshape(rows, -1)
-    residual = (whitening @ fit.residual[..., None]).ravel()
-    known = jacobian @ np.linalg.cholesky(fit.inverse)
+    white = fit.whitened
     values = np.zeros(len(layers))
     for number, layer in enumerate(layers):
-        columns = whitening @ fit.at.columns_of(layer, fit.observations)
-        columns, begin = columns.reshape(rows, -1), 0
+        columns, begin = white.columns(fit.at.columns_of(layer, fit.observations)), 0
         for _, count in layer.sizes_of:
             block, begin = columns[:, begin : begin + count], begin + count
-            shared = known.T @ block
-            information = block.T @ block - shared.T @ shared
-            factor = _log_factor(information, block.T @ residual)
+            factor = _log_factor(white.information(block), block.T @ white.residual)
             values[number] += np.logaddexp(0.0, factor) - np.log(2.0)
     return values
 

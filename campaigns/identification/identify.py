@@ -364,7 +364,9 @@ class _JudgedCampaign:
                 moved[type(effect)] += fit.at.jacobian[..., where] @ fit.at.x[where]
         # without the ripples that were found: the picture shows why they were added
         others = tuple(e for e in fit.model.effects if not isinstance(e, Ripple))
-        without = fit if others == fit.model.effects else refit(fit, fit.model.with_effects(others))
+        without = self.likeliest
+        if others != fit.model.effects:
+            without = refit(without, fit.model.with_effects(others))
         periods = scan_periods(without)
         places = np.nan_to_num(self.at_nominal.values[rows, :3])
         return Diagnosis(
