@@ -245,6 +245,53 @@ class Ripple(Effect):
 
 
 @dataclass(frozen=True, slots=True)
+class RateError(Effect):
+    """Error of the rate of a ripple that is the robot's own."""
+
+    arms: tuple[int, ...]
+    rate: float
+    """rad per rad or per mm of the joint, as the robot has it."""
+    rate_std: float
+    """1 σ of the rate before the fit."""
+    amplitudes: tuple[float, ...]
+    """Sine and cosine of each arm, rad or mm, at which the rate's column is linearised."""
+    ripple_log_odds: float
+    """Log prior probability of the ripple against none, as the search for it had."""
+    source: ClassVar[str] = "periods"
+
+    @property
+    def name(self) -> str:
+        """Arms, for no joint has two rates of its own."""
+        return f"rate of {','.join(map(str, self.arms))}"
+
+    @property
+    def moves(self) -> Moved:
+        """The joints."""
+        return "joints"
+
+    @property
+    def count(self) -> int:
+        """The rate."""
+        return 1
+
+    @property
+    def sizes_of(self) -> tuple[tuple[str, int], ...]:
+        """The rate keeps its prior."""
+        return (("", 1),)
+
+    def basis(self, observations: "Observations") -> Array:
+        """Return the change of the waves of each arm's joint by the rate, (N, n, 1)."""
+        basis = np.zeros((*observations.joints.shape, 1))
+        for arm, (sine, cosine) in zip(
+            self.arms, np.reshape(self.amplitudes, (-1, 2)), strict=True
+        ):
+            q = observations.joints[:, arm]
+            slope = sine * np.cos(self.rate * q) - cosine * np.sin(self.rate * q)
+            basis[:, arm, 0] = self.rate_std * q * slope
+        return basis
+
+
+@dataclass(frozen=True, slots=True)
 class Lag(Effect):
     """Joints read before the arms had arrived: behind by a share of their last way."""
 

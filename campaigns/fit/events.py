@@ -24,21 +24,19 @@ from typing import Literal
 import numpy as np
 
 from campaigns.arrays import Array, Index
-from campaigns.fit.effects import (
-    ENCODER_RAD,
-    FRAME,
-    PARTS,
-    STEP_MM,
-    TURN_MRAD,
-    Effect,
-    Lag,
-    Ripple,
-    Step,
-)
+from campaigns.fit.effects import ENCODER_RAD, FRAME, PARTS, STEP_MM, TURN_MRAD, Effect, Lag, Step
 from campaigns.fit.error_model import ErrorModel, Observations
-from campaigns.fit.error_sources import ARCSEC
-from campaigns.fit.fit import Fit, Prior, estimate_sizes_and_noise, fit_model, log_evidence, refit
+from campaigns.fit.fit import (
+    Fit,
+    Prior,
+    estimate_sizes_and_noise,
+    fit_model,
+    log_evidence,
+    log_factors_at_usual_size,
+    refit,
+)
 from campaigns.fit.layers import likely_layers
+from campaigns.fit.periods import likely_ripples
 
 ALARM = 0.01
 """Prior probability that anything changed during a campaign."""
@@ -170,7 +168,7 @@ def steps_of(fit: Fit) -> tuple[Step, ...]:
 def _hypotheses(fit: Fit) -> Iterator[tuple[Effect, ...]]:
     """Yield the sets of effects that are worth a fit."""
     yield from _changed(fit)
-    for effect in (*_likely_ripples(fit), *_likely_lag(fit), *likely_layers(fit)):
+    for effect in (*likely_ripples(fit), *_likely_lag(fit), *likely_layers(fit)):
         yield (*fit.model.effects, effect)
 
 
@@ -328,7 +326,9 @@ def scan(fit: Fit, spans_of: Mapping[str, Index]) -> dict[str, Candidates]:
 
 def log_bayes_factors(score: Array, information: Array) -> Array:
     """Return log B (M,) of scores u (M, k, 1) and information I (M, k, k), the mean over sizes."""
-    log_factors = [_log_factors(size * score, size**2 * information) for size in USUAL_CHANGES]
+    log_factors = [
+        log_factors_at_usual_size(size * score, size**2 * information) for size in USUAL_CHANGES
+    ]
     return np.asarray(np.logaddexp.reduce(log_factors, axis=0) - np.log(len(USUAL_CHANGES)))
 
 
@@ -383,84 +383,6 @@ def likely_parts(evidence: Mapping[str, float]) -> tuple[str, ...]:
     """Return the parts whose log evidence is close to the best part's, the best part first."""
     order = sorted(evidence, key=evidence.__getitem__, reverse=True)
     return tuple(part for part in order if evidence[part] > evidence[order[0]] - INDISTINCT)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PeriodScan:
-    """Scan over the periods of drives: the log Bayes factor of each rate."""
-
-    rates: Array
-    """rad per rad or per mm of the joints, (R,)."""
-    log_factors: Array
-    """(R, 1 + n): of one rate in all arms, then of a rate in each arm alone."""
-
-    @property
-    def log_mean(self) -> float:
-        """Log mean factor: half for a rate that all arms have, half for rates of single arms."""
-        means = np.logaddexp.reduce(self.log_factors, axis=0) - np.log(len(self.rates))
-        alone = np.logaddexp.reduce(means[1:]) - np.log(len(means) - 1)
-        return float(np.logaddexp(means[0], alone) - np.log(2.0))
-
-
-# Rates from 6 to 250 periods a turn of cranks, from 80 to 3 mm a period of carriages, so close that
-# neighbouring rates differ by a quarter period over the joints' motion.
-def scan_periods(fit: Fit) -> PeriodScan:
-    """Return the factors of periodic errors of the joints by their rate."""
-    joints, model = fit.observations.joints, fit.model
-    low, high = (6.0, 250.0) if model.is_revolute else (2.0 * np.pi / 80.0, 2.0 * np.pi / 3.0)
-    rates = np.arange(low, high, 0.5 * np.pi / np.ptp(joints, axis=0).max())
-    return PeriodScan(rates, _factors_of_rates(fit, rates))
-
-
-def _factors_of_rates(fit: Fit, rates: Array) -> Array:
-    """Return the log Bayes factors (R, 1 + n) of sine and cosine of each rate."""
-    joints, white = fit.observations.joints, fit.whitened
-    count, arms = len(rates), joints.shape[1]
-    phases = rates[:, None] * joints[:, None]  # (N, R, n)
-    waves = np.stack([np.sin(phases), np.cos(phases)], axis=3)
-    by_joint = ripple_tolerance(fit.model) * fit.at.by_joint
-    # columns of all rates at once: (N, 3, R, n, 2)
-    columns = white.columns(by_joint[:, :, None, :, None] * waves[:, None])
-    score = (columns.T @ white.residual).reshape(count, 2 * arms, 1)
-    shared = (white.known @ columns).reshape(-1, count, 2 * arms).transpose(1, 0, 2)
-    alone = columns.reshape(-1, count, 2 * arms).transpose(1, 0, 2)
-    information = alone.swapaxes(1, 2) @ alone - shared.swapaxes(1, 2) @ shared
-    log_factors = [_log_factors(score, information)]
-    for arm in range(arms):
-        rows = slice(2 * arm, 2 * arm + 2)
-        log_factors.append(_log_factors(score[:, rows], information[:, rows, rows]))
-    return np.stack(log_factors, axis=1)
-
-
-def _log_factors(score: Array, information: Array) -> Array:
-    """Return log B (M,) of scores u (M, k, 1) and information I (M, k, k) at the usual size."""
-    matrix = information + np.eye(information.shape[-1])
-    gain = (score * np.linalg.solve(matrix, score))[..., 0].sum(axis=-1)
-    return np.asarray(0.5 * gain - 0.5 * np.linalg.slogdet(matrix)[1])
-
-
-def ripple_tolerance(model: ErrorModel) -> float:
-    """Return the usual amplitude of a ripple, rad or mm."""
-    return 20 * ARCSEC if model.is_revolute else 0.02
-
-
-def _likely_ripples(fit: Fit) -> Iterator[Ripple]:
-    """Yield the likeliest periodic error, if any period is likelier than none."""
-    result = scan_periods(fit)
-    if result.log_mean <= 0.0:
-        return
-    rates, arms = result.rates, fit.observations.joints.shape[1]
-    means = np.logaddexp.reduce(result.log_factors, axis=0)
-    means[1:] -= np.log(arms)
-    best = int(means.argmax())
-    step = float(rates[1] - rates[0])
-    # the peak lies between the rates of the grid: look closer, and estimate the rate in the fit
-    peak = float(rates[result.log_factors[:, best].argmax()])
-    fine = peak + step * np.linspace(-1.0, 1.0, 21)
-    rate = float(fine[_factors_of_rates(fit, fine)[:, best].argmax()])
-    moved = tuple(range(arms)) if best == 0 else (best - 1,)
-    odds = -np.log(2.0 * len(rates) * (1 if best == 0 else arms))
-    yield Ripple(moved, rate, step, ripple_tolerance(fit.model), float(odds))
 
 
 def _likely_lag(fit: Fit) -> Iterator[Lag]:

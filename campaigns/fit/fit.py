@@ -376,12 +376,13 @@ def _from(start: Fit, model: ErrorModel, observations: Observations | None) -> F
         start.at.x[before[name]] if name in before else np.zeros(effect.count)
         for name, effect in zip(_names_of(model), model.effects, strict=True)
     ]
-    x = np.concatenate([start.x, *values])
+    own = dict(zip(start.model.names, start.x.tolist(), strict=True))
+    x = np.concatenate([[own.get(name, 0.0) for name in model.names], *values])
     sizes = {group: start.sizes.get(group, 1.0) for group in model.sized_groups}
     fit = replace(start, model=model, sizes=sizes, spread=None, updates=0)
     if observations is None:
         return _predicted(fit, x, start.at.frames)
-    _, assembly = model.positions(start.x, observations, observations.near)
+    _, assembly = model.positions(x, observations, observations.near)
     usable = assembly.is_solved
     observations = _with_substitutes(observations, usable)
     at = model.predict(x, start.at.frames, observations, observations.near)
@@ -624,3 +625,10 @@ def integrate_sizes(fit: Fit) -> Fit:
         spread += wider @ wider.T
     frames = moved_frames(fit.at.frames, step[fit.model.size :])
     return replace(_predicted(fit, fit.at.x + step[: fit.model.size], frames), spread=spread)
+
+
+def log_factors_at_usual_size(score: Array, information: Array) -> Array:
+    """Return log B (M,) of scores u (M, k, 1) and information I (M, k, k) at the usual size."""
+    matrix = information + np.eye(information.shape[-1])
+    gain = (score * np.linalg.solve(matrix, score))[..., 0].sum(axis=-1)
+    return np.asarray(0.5 * gain - 0.5 * np.linalg.slogdet(matrix)[1])

@@ -143,6 +143,8 @@ def fit_with_former(
     that the former result held stay held. Raise `IdentificationRefused` if the robot has other
     parameters than the former result.
     """
+    if former.rates:
+        nominal = Kinematics(nominal.mechanism.with_ripples(former.rates), nominal.p)
     model = error_model(nominal, shots, options)
     table = nominal.mechanism.parameters
     # what was held then, and growth where the new shots have no temperatures, is held now

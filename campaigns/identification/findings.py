@@ -19,7 +19,7 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.evaluation.decision import COVERAGE, Decision, decide, decide_all
 from campaigns.evaluation.region import FARTHER_OFF, Region
-from campaigns.fit.effects import FRAME, Effect, Lag, Layer, Ripple, Walk
+from campaigns.fit.effects import FRAME, Effect, Lag, Layer, RateError, Ripple, Step, Walk
 from campaigns.fit.error_sources import (
     ARCMIN,
     SCATTER_TOLERANCE_MM,
@@ -29,6 +29,7 @@ from campaigns.fit.error_sources import (
 )
 from campaigns.fit.events import Event
 from campaigns.fit.fit import Fit
+from campaigns.fit.periods import places_of_ripples
 from campaigns.fit.uncertainty import NullDirections
 from campaigns.kinematics.parameters import SIGNS
 
@@ -190,9 +191,11 @@ def effect_findings(fit: Fit) -> Iterator[Finding]:
             yield from _stand_finding(fit, effect, where)
         elif isinstance(effect, Layer):
             yield from _layer_finding(fit, effect, where)
-        elif isinstance(effect, Ripple) and log_odds_of(fit, effect, where) > NAMED_LOG_ODDS:
+        elif isinstance(effect, Step) or log_odds_of(fit, effect, where) <= NAMED_LOG_ODDS:
+            continue
+        elif isinstance(effect, (Ripple, RateError)):
             yield _period_finding(fit, effect, where)
-        elif isinstance(effect, Lag) and log_odds_of(fit, effect, where) > NAMED_LOG_ODDS:
+        elif isinstance(effect, Lag):
             share = float(np.abs(fit.at.x[where]).max()) * effect.usual
             says = (
                 f"the joints were read {100 * share:.2g} % of their way before they arrived: wait "
@@ -205,12 +208,14 @@ def effect_findings(fit: Fit) -> Iterator[Finding]:
 # fit's. With prior N(0, ρ²) and fit N(z, C) that is log B = ½ z'C⁻¹z + ½ log |C / ρ²|.
 def log_odds_of(fit: Fit, effect: Effect, where: slice) -> float:
     """Return the log fit odds of an effect against none, by its unknowns' fit."""
-    z, covariance = fit.at.x[where], fit.inverse[where, where]
-    sizes = np.array(
-        [fit.sizes.get(group, 1.0) for group, count in effect.sizes_of for _ in range(count)]
-    )
+    sizes = [fit.sizes.get(group, 1.0) for group, count in effect.sizes_of for _ in range(count)]
+    places, odds = [*range(*where.indices(len(fit.at.x)))], effect.log_odds
+    if isinstance(effect, RateError):  # of a ripple that is the robot's own: by its amplitudes
+        places, odds = places_of_ripples(fit.model, effect.arms), effect.ripple_log_odds
+        sizes = [fit.sizes.get("ripple", 1.0)] * len(places)
+    z, covariance = fit.at.x[places], fit.inverse[np.ix_(places, places)]
     gain = z @ np.linalg.solve(covariance, z) + np.linalg.slogdet(covariance)[1]
-    return float(0.5 * gain - np.log(sizes).sum() + effect.log_odds)
+    return float(0.5 * gain - np.log(sizes).sum() + odds)
 
 
 def _moved_mm(fit: Fit, where: slice) -> Array:
@@ -247,9 +252,12 @@ def _layer_finding(fit: Fit, effect: Layer, where: slice) -> Iterator[Finding]:
     yield Finding(LAYER, says, "fail" if is_large else None, {"mm": size, "of": effect.kind})
 
 
-def _period_finding(fit: Fit, effect: Ripple, where: slice) -> Finding:
+def _period_finding(fit: Fit, effect: Ripple | RateError, where: slice) -> Finding:
     axis = fit.model.nominal.mechanism.joints[0]
-    amplitudes = np.hypot(*np.reshape(fit.at.x[where][:-1], (-1, 2)).T) * effect.usual
+    waves = np.array(effect.amplitudes)
+    if isinstance(effect, Ripple):
+        waves = fit.at.x[where][:-1] * effect.usual
+    amplitudes = np.hypot(*waves.reshape(-1, 2).T)
     worst = float(amplitudes.max())
     rate_std = effect.rate_std * float(np.sqrt(fit.covariance[where, where][-1, -1]))
     which = "all arms" if len(effect.arms) > 1 else f"arm {effect.arms[0]}"

@@ -24,12 +24,13 @@ from campaigns.errors import ShotsInvalid
 from campaigns.evaluation.decision import Decision, allows_decision
 from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
-from campaigns.fit.effects import Layer, Ripple, Walk
+from campaigns.fit.effects import Layer, RateError, Ripple, Walk
 from campaigns.fit.error_model import ErrorModel, Observations
 from campaigns.fit.error_sources import TRACKER_SOURCES
-from campaigns.fit.events import Event, add_steps, events_of, explain, scan_periods, with_steps_of
+from campaigns.fit.events import Event, add_steps, events_of, explain, with_steps_of
 from campaigns.fit.fit import Fit, Prior, integrate_sizes, refit
 from campaigns.fit.left_out import pattern_of
+from campaigns.fit.periods import scan_periods, with_periods_of_robot
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.fit.uncertainty import NullDirections, null_directions
 from campaigns.identification import findings
@@ -114,7 +115,7 @@ def _fit_campaign(
     """Return the fit of the identification shots, and the events of all shots by their numbers."""
     rows = _rows_in_time(shots, observations, ShotSet.IDENTIFICATION)
     every = _rows_in_time(shots, observations, ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
-    fit = explain(model, observations.rows(rows), prior)
+    fit = with_periods_of_robot(explain(model, observations.rows(rows), prior))
     whole = fit
     if len(every) > len(rows):
         whole = add_steps(refit(fit, observations=observations.rows(every)))
@@ -236,7 +237,7 @@ class _JudgedCampaign:
             model="full",
             converged=fit.has_converged,
             iterations=fit.rounds,
-            parameters=self._parameters(fit, null, stated),
+            parameters=self._parameters(fit, null, stated) | self._rates(fit),
             undetermined=null.names,
             scatter=self._scatter(fit),
             sizes={group: float(size) for group, size in fit.sizes.items()},
@@ -285,6 +286,29 @@ class _JudgedCampaign:
             fitted[name] = (value, std if variances[place] > 1e-12 else None)
         return identified_parameters(self.nominal, fitted)
 
+    def _rates(self, fit: Fit) -> dict[str, IdentifiedParameter]:
+        """Return the rates of periodic errors that were found, where the robot file states none."""
+        mechanism, nominal = fit.model.nominal.mechanism, self.nominal.mechanism
+        if mechanism.rates == nominal.rates:
+            return {}
+        std: dict[int, float] = {}
+        for effect, where in zip(fit.model.effects, fit.model.effect_places, strict=True):
+            if isinstance(effect, RateError):
+                relative = effect.rate_std * fit.covariance[where, where][0, 0] ** 0.5 / effect.rate
+                std |= {arm: float(relative) * mechanism.rates[arm] for arm in effect.arms}
+        table, before = mechanism.parameters, nominal.parameters.named_rates(nominal.rates)
+        arms = {name: arm for arm, name in enumerate(table.rates)}
+        return {
+            name: IdentifiedParameter(
+                nominal=before.get(name, 0.0),
+                value=rate,
+                std=std.get(arms.get(name, min(std, default=0))),
+                free=True,
+                group="ripple",
+            )
+            for name, rate in table.named_rates(mechanism.rates).items()
+        }
+
     def _stated_covariance(self, fit: Fit, null: NullDirections) -> Array:
         """Return the covariance (P, P) of the robot of today, in tolerances and the datum."""
         matrix, size = fit.model.of_today, fit.model.size
@@ -318,6 +342,7 @@ class _JudgedCampaign:
             tuple(map(tuple, covariance.tolist())),
             {group: float(fit.sizes[group]) for group in fit.model.learned},
             {part: float(factor) for part, factor in fit.factors.items()},
+            fit.model.nominal.mechanism.rates,
             tuple(map(tuple, null.vectors.T.tolist())),
         )
 
@@ -363,10 +388,11 @@ class _JudgedCampaign:
             if type(effect) in moved:
                 moved[type(effect)] += fit.at.jacobian[..., where] @ fit.at.x[where]
         # without the ripples that were found: the picture shows why they were added
-        others = tuple(e for e in fit.model.effects if not isinstance(e, Ripple))
+        others = tuple(e for e in fit.model.effects if not isinstance(e, (Ripple, RateError)))
         without = self.likeliest
         if others != fit.model.effects:
-            without = refit(without, fit.model.with_effects(others))
+            model = replace(fit.model, nominal=self.nominal, effects=others)
+            without = refit(without, model)
         periods = scan_periods(without)
         places = np.nan_to_num(self.at_nominal.values[rows, :3])
         return Diagnosis(

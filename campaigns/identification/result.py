@@ -167,6 +167,8 @@ class StoredPosterior:
     """Sizes of the groups in tolerances."""
     factors: dict[str, float]
     """Factors of the noise's parts."""
+    rates: tuple[float, ...] = ()
+    """Rates of the joints' ripples, in the unit of robot files; (): those of the robot file."""
     undetermined: tuple[tuple[float, ...], ...] = ()
     """Orthonormal directions in tolerances, (k, P), that no shot determined: the datum."""
 
