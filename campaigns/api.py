@@ -24,7 +24,7 @@ from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.identification.identify import identify as identify_shots
 from campaigns.identification.observations import asked_shots, error_model
 from campaigns.identification.options import IdentificationOptions, ModelWord
-from campaigns.identification.result import IdentificationResult
+from campaigns.identification.result import IdentificationResult, StoredLayer
 from campaigns.planning.forecast import Forecast, forecast, judged_positions
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.paths import RobotModel
@@ -161,13 +161,16 @@ def identify(
     return identify_shots(robot.kinematics, asked, wanted)
 
 
-def correct_targets(poses: ArrayLike, identified: RobotFile, nominal: RobotFile) -> Array:
+def correct_targets(
+    poses: ArrayLike, identified: RobotFile, nominal: RobotFile, layers: Sequence[StoredLayer] = ()
+) -> Array:
     """Return the poses to command to a controller that keeps the nominal parameters.
 
     Args:
         poses: Wanted poses (N, t) of the controlled point, mm and rad.
         identified: The robot as it was identified.
         nominal: The robot with the parameters of its controller.
+        layers: Errors that no parameter describes, `result.layers` of the identification.
 
     Returns:
         Poses (N, t) at which the controller makes the joints that the wanted ones need.
@@ -181,7 +184,7 @@ def correct_targets(poses: ArrayLike, identified: RobotFile, nominal: RobotFile)
     """
     poses = batch(poses, [axis.name for axis in nominal.mechanism.task], "poses")
     models = identified.kinematics.controlled, nominal.kinematics.controlled
-    correction = TargetCorrection(*models, nominal.limits)
+    correction = TargetCorrection(*models, nominal.limits, layers=tuple(layers))
     correction.require_possible(poses, lambda row: f"row {row}")
     return correction.commanded(poses, correction.approach(poses)).values_or_raise()
 

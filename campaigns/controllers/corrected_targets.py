@@ -20,7 +20,7 @@ from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, Restric
 from campaigns.errors import TargetsInvalid
 from campaigns.files.csv_file import CsvColumn, CsvForm, csv_text, number_text, parse_csv
 from campaigns.identification.positions import std_of_positions
-from campaigns.identification.result import ParameterCovariance
+from campaigns.identification.result import ParameterCovariance, PositionStd, StoredLayer
 from campaigns.kinematics.feasibility import Limits
 from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
 from campaigns.kinematics.transmission import approach_along
@@ -45,6 +45,10 @@ class TargetCorrection:
     measured: Array | None = None
     """Poses (M, t) of the identification shots, which fix the frame of `std_mm`; None if unknown.
     """
+    layers: tuple[StoredLayer, ...] = ()
+    """Errors of the real robot that no parameter describes."""
+    positions: PositionStd | None = None
+    """σ of positions of the identification, which says what the layers leave unknown."""
 
     def approach(self, wanted: Array) -> Array:
         """Return the sign of each joint's last motion at poses (N, t) reached one after another.
@@ -58,7 +62,7 @@ class TargetCorrection:
 
         `approach` (N, n) is the sign of each joint's last motion; None: backlash is left out.
         """
-        joints = self.identified.inverse(wanted, approach)
+        joints = self._joints(wanted, approach)
         is_solved = joints.is_solved.copy()
         values = np.full_like(wanted, np.nan)
         # iteration from the wanted pose selects the assembly that the real robot has
@@ -66,6 +70,26 @@ class TargetCorrection:
         values[is_solved] = poses.values
         is_solved[is_solved] = poses.is_solved
         return KinematicSolution.where(is_solved, values)
+
+    # The real robot stands at x where its parameters alone put it at x less what layers add there,
+    # and its joints are off by what layers add to their angles. Both vary slowly: a second round is
+    # exact to their slope squared.
+    def _joints(self, wanted: Array, approach: Array | None) -> KinematicSolution:
+        """Return the joints (N, n) at which the real robot stands at the wanted poses (N, t)."""
+        solution = self.identified.inverse(wanted, approach)
+        if not self.layers:
+            return solution
+        for _ in range(2):
+            poses, shifts = wanted.copy(), np.zeros_like(solution.values)
+            for layer in self.layers:
+                moved = layer.moves_at(np.nan_to_num(solution.values), wanted)
+                if layer.kind == "place":
+                    poses[:, :3] -= moved
+                else:
+                    shifts += moved
+            inverse = self.identified.inverse(poses, approach)
+            solution = KinematicSolution(inverse.values - shifts, inverse.is_solved)
+        return solution
 
     def require_possible(self, wanted: Array, place: Callable[[int], str]) -> None:
         """Raise `TargetsInvalid` for the first of the poses (N, t) that the robot cannot take.
@@ -87,7 +111,13 @@ class TargetCorrection:
         """Return 1 σ of the position at wanted poses (N, t), (N,); NaN where it is unknown."""
         if self.uncertainty is None or self.measured is None:
             return np.full(len(wanted), np.nan)
-        return std_of_positions(self.identified, self.uncertainty, wanted, self.measured)
+        std = std_of_positions(self.identified, self.uncertainty, wanted, self.measured)
+        if self.positions is None or self.positions.corrected is None:
+            return std
+        # what layers leave unknown is stated for the whole workspace
+        about = std_of_positions(self.identified, self.uncertainty, self.measured, self.measured)
+        beyond = max(self.positions.corrected**2 - float((about**2).mean()), 0.0)
+        return np.asarray(np.hypot(std, beyond**0.5))
 
 
 @dataclass(frozen=True, slots=True)

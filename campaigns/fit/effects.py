@@ -384,12 +384,12 @@ class Layer(Effect):
             return tuple((f"{self.name} {axis}", counts[0]) for axis in "xyz")
         return ((self.name, sum(counts)),)
 
-    def _functions(self, observations: "Observations") -> list[Array]:
-        """Return the functions φ (N, k) at observations, of places or of each joint."""
+    def _functions(self, joints: Array, poses: Array) -> list[Array]:
+        """Return the functions φ (N, k) at joints and poses, of places or of each joint."""
         if self.kind == "place":
-            here = [place_coordinates(observations.near, self.turn_mm)]
+            here = [place_coordinates(poses, self.turn_mm)]
         else:
-            here = [joint[:, None] for joint in observations.joints.T]
+            here = [joint[:, None] for joint in joints.T]
         rows = zip(here, self.shots, self.scaled, strict=True)
         return [
             _matern(new[:, : at.shape[1]], at, self.length) @ scaled for new, at, scaled in rows
@@ -397,9 +397,13 @@ class Layer(Effect):
 
     def basis(self, observations: "Observations") -> Array:
         """Return the motions of points (N, 3, k) or of joints (N, n, k)."""
-        blocks = self._functions(observations)
+        return self.basis_at(observations.joints, observations.near)
+
+    def basis_at(self, joints: Array, poses: Array) -> Array:
+        """Return the motions of points (N, 3, k) or of joints (N, n, k) at joints and poses."""
+        blocks = self._functions(joints, poses)
         blocks = blocks * 3 if self.kind == "place" else blocks
-        basis = np.zeros((len(observations), len(blocks), self.count))
+        basis = np.zeros((len(joints), len(blocks), self.count))
         place = 0
         for row, block in enumerate(blocks):
             basis[:, row, place : place + block.shape[1]] = block
@@ -408,7 +412,10 @@ class Layer(Effect):
 
     def unseen_share(self, observations: "Observations") -> Array:
         """Return the share of the process's variance that no shot determines, (N, 1) or (N, n)."""
-        shares = [1.0 - (block**2).sum(axis=1) for block in self._functions(observations)]
+        shares = [
+            1.0 - (block**2).sum(axis=1)
+            for block in self._functions(observations.joints, observations.near)
+        ]
         return np.asarray(np.clip(np.stack(shares, axis=1), 0.0, 1.0))
 
 

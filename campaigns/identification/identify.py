@@ -53,6 +53,7 @@ from campaigns.identification.result import (
     ResidualTable,
     Scatter,
     SessionFrame,
+    StoredLayer,
     StoredPosterior,
     identified_parameters,
 )
@@ -248,6 +249,11 @@ class _JudgedCampaign:
             unseen=unseen.errors,
             modelled=self._modelled(fit, solution, unseen.rows),
             events=self.events,
+            layers=tuple(
+                StoredLayer.of(effect, fit.at.x[where])
+                for effect, where in zip(fit.model.effects, fit.model.effect_places, strict=True)
+                if isinstance(effect, Layer)
+            ),
             diagnosis=self._diagnosis(fit),
             excluded=(*_left_out(self.events), *unseen.lost),
             covariance=self._covariance(fit, null, ratio),

@@ -13,7 +13,8 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.evaluation.region import Region
-from campaigns.fit.error_model import Observations
+from campaigns.fit.effects import Layer
+from campaigns.fit.error_model import Observations, RobotPoints
 from campaigns.fit.error_sources import SOURCES
 from campaigns.fit.fit import Fit
 from campaigns.fit.uncertainty import (
@@ -84,16 +85,31 @@ def uncertainty_of_positions(
     covariance = fit.covariance[: fit.model.size, : fit.model.size]
     between_shots = unseen_covariances(fit, robot.by_moves, both).trace(axis1=1, axis2=2)
     by_sample = without_frame(robot.by[:count], positions[:count])
-    std = ratio * np.hypot(position_std_mm(by_sample, covariance), between_shots[:count] ** 0.5)
+    followed = ratio * np.hypot(
+        position_std_mm(by_sample, covariance), between_shots[:count] ** 0.5
+    )
+    # what no parameter describes is an error of all who use the parameters alone
+    beyond = without_frame(_moved_by_layers(fit, robot)[:count, :, None], positions[:count])
+    std = np.hypot(followed, ratio * np.linalg.norm(beyond, axis=(1, 2)))
     of_all = position_std_mm(without_frame(robot.by, positions), covariance)
     of_both = np.hypot(of_all, between_shots**0.5)
     region = Region.of(sample, of_both[:count], of_both[count:], identified.mechanism.task)
     rms = float(np.sqrt((std**2).mean()))
-    sizes = PositionStd(float(std.mean()), float(std.max()), rms, len(workspace) - count)
+    corrected = float(np.sqrt((followed**2).mean())) if beyond.any() else None
+    sizes = PositionStd(float(std.mean()), float(std.max()), rms, len(workspace) - count, corrected)
     squares = dict(budget(fit, by_sample))
-    if between_shots.any():
-        squares["layer"] += float(between_shots[:count].mean())
+    if beyond.any():
+        squares["layer"] += float(between_shots[:count].mean() + (beyond**2).sum() / count)
     return Positions(sizes, region, _shares(squares, ratio, rms))
+
+
+def _moved_by_layers(fit: Fit, robot: RobotPoints) -> Array:
+    """Return how far layers move points, (N, 3), mm."""
+    moved = np.zeros_like(robot.by[..., 0])
+    for effect, where in zip(fit.model.effects, fit.model.effect_places, strict=True):
+        if isinstance(effect, Layer):
+            moved += robot.by[..., where] @ fit.at.x[where]
+    return moved
 
 
 def std_of_positions(

@@ -18,6 +18,7 @@ from campaigns.errors import FindingUnreadable
 from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.region import Region
 from campaigns.evaluation.summary import BeforeAfter, spread
+from campaigns.fit.effects import Layer
 from campaigns.fit.events import Event
 from campaigns.fit.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
 from campaigns.identification.findings import HOLD_OUT, Finding, HoldOut
@@ -106,6 +107,8 @@ class PositionStd:
     rms: float
     left_out: int = 0
     """Poses of the sample that the identified robot cannot take."""
+    corrected: float | None = None
+    """1 σ, rms, where `correct` follows the errors that no parameter describes; None without."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,6 +243,39 @@ class ResidualTable:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class StoredLayer:
+    """Error by place or by the arms' angles that no parameter describes, for `correct`."""
+
+    kind: Literal["place", "arms"]
+    length: float
+    """Correlation length: mm of places, rad or mm of joints."""
+    usual: float
+    turn_mm: float
+    shots: tuple[tuple[tuple[float, ...], ...], ...]
+    """Coordinates of the shots: one array (M, c) of places, an array (M, 1) of each joint."""
+    z: tuple[float, ...]
+    """Estimated unknowns of the layer's functions."""
+
+    @classmethod
+    def of(cls, layer: Layer, z: Array) -> "StoredLayer":
+        """Store a layer with its estimated unknowns (k,)."""
+        return cls(
+            kind=layer.kind,
+            length=layer.length,
+            usual=layer.usual,
+            turn_mm=layer.turn_mm,
+            shots=tuple(map(_rows, layer.shots)),
+            z=tuple(z.tolist()),
+        )
+
+    def moves_at(self, joints: Array, poses: Array) -> Array:
+        """Return the motion of points (N, 3), mm, or of joints (N, n), at joints and poses."""
+        shots = tuple(np.array(rows) for rows in self.shots)
+        layer = Layer.over(self.kind, shots, self.length, self.usual, self.turn_mm)
+        return np.asarray(layer.basis_at(joints, poses) @ np.array(self.z))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnosis:
     """Diagnosis of the fit beside the parameters, a row for each fitted shot, for pictures."""
 
@@ -288,6 +324,7 @@ class IdentificationResult:
         sizes: estimated size of each group of error sources, in its tolerance.
         tracker: errors of the tracker by source: value and 1 σ in mm, deg or ppm.
         events: what happened to shots and parts during the campaign, in the order of time.
+        layers: errors that no parameter describes, which `correct` follows.
         diagnosis: what the fit shows of each shot beside its residual.
         excluded: shots and pairs left out, with the reason.
         residuals_mm, unseen_mm: sizes of the errors of fitted shots and of hold-out pairs.
@@ -312,6 +349,7 @@ class IdentificationResult:
     modelled: ModelledTable | None = None
     events: tuple[Event, ...] = ()
     diagnosis: Diagnosis | None = None
+    layers: tuple[StoredLayer, ...] = ()
     excluded: tuple[Excluded, ...] = ()
     covariance: ParameterCovariance | None = None
     position_std_mm: PositionStd | None = None

@@ -45,6 +45,8 @@ def _target_correction(campaign: Campaign, robot: RobotFile) -> TargetCorrection
         campaign.space,
         None if identification is None else identification.covariance,
         poses,
+        () if identification is None else identification.layers,
+        None if identification is None else identification.position_std_mm,
     )
 
 

@@ -109,7 +109,10 @@ def validation_work(
         work, notes = _work(campaign, options.stage, held, tests, unseen, correct)
     else:
         identified, nominal = identified_set(campaign), held.kinematics.controlled
-        correct = TargetCorrection(identified.kinematics, nominal, held.limits).commanded
+        recorded = known_sets(campaign).identified.get(identified.digest())
+        layers = () if recorded is None else recorded.layers
+        correction = TargetCorrection(identified.kinematics, nominal, held.limits, layers=layers)
+        correct = correction.commanded
         work, notes = _work(campaign, "after by targets", identified, tests, unseen, correct)
     skip = known_shots((step.planned.shot for step in work.steps), options.skip, "this validation")
     return replace(work, skip=skip), notes
