@@ -39,6 +39,8 @@ from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import INNER, Role, Unit
 
 MRAD = 1e-3
+BY_NAME = "tolerance of "
+"""First words of the group of a parameter with a tolerance of its own."""
 GROSS_MEDIANS = 6.0
 """Distance from the nominal robot's points, in medians of all distances, beyond which a shot has no
 weight in the first steps of a fit."""
@@ -148,7 +150,7 @@ class ErrorModel:
     held: Collection[str] = ()
     """Names of parameters that stay at nominal."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
-    """1 σ by name instead of the table's, in mm, rad or ratios; their sizes are not learned."""
+    """1 σ by name instead of the table's, in mm, rad or ratios; each has a size of its own."""
     group_tolerances: Mapping[str, float] = field(default_factory=dict)
     """Tolerances instead of the table's, by a tracker's source or by group and unit: `rods_deg`."""
     with_growth: bool = False
@@ -220,9 +222,13 @@ class ErrorModel:
     @cached_property
     def learned(self) -> dict[str, Index]:
         """Places of the unknowns of each group whose size is estimated."""
+        # A tolerance by name is somebody's word for one parameter: its size is its own, so that
+        # shots may contradict it.
         rows: dict[str, list[int]] = {}
         for place, (name, group) in enumerate(zip(self.names, self.groups, strict=True)):
-            if SOURCES[group].is_learned and name not in self.tolerances:
+            if name in self.tolerances:
+                rows[BY_NAME + name] = [place]
+            elif SOURCES[group].is_learned:
                 rows.setdefault(group, []).append(place)
         return {group: np.array(places) for group, places in rows.items()}
 

@@ -63,7 +63,7 @@ SOURCES: Mapping[str, ErrorSource] = {
         ErrorSource("reflector", "the reflector's place on the plate", 5 * DEG, 30.0,
                     "a holder of unknown size; 3 mm where robot.yaml states its place",
                     "measure where the reflector is on the plate, and correct reflector_mm in "
-                    "robot.yaml", is_learned=False),
+                    "robot.yaml"),
         ErrorSource("plate_joints", "the joints' places on the plate", 5 * DEG, 5.0,
                     "any plate that was measured by a calliper",
                     "measure where the joints are on the plate, and correct plate_joints_mm in "

@@ -37,6 +37,7 @@ import scipy
 from campaigns.arrays import Array, Index, Mask
 from campaigns.fit import wrong_shots
 from campaigns.fit.error_model import (
+    BY_NAME,
     ErrorModel,
     Observations,
     Prediction,
@@ -605,6 +606,10 @@ def integrate_sizes(fit: Fit) -> Fit:
     inverse, deviation = fit.inverse, fit.prior_terms[1] + fit.step
     step, spread, floors = fit.step.copy(), np.zeros_like(inverse), smallest_sizes(fit.model)
     for group, places in fit.groups.items():
+        if group.startswith(
+            BY_NAME
+        ):  # somebody stated this σ: it stands unless shots contradict it
+            continue
         size = fit.sizes[group]
         values, vectors = np.linalg.eigh(inverse[np.ix_(places, places)])
         columns, along = inverse[:, places] @ vectors, vectors.T @ deviation[places]

@@ -143,17 +143,17 @@ def fit_with_former(
     that the former result held stay held. Raise `IdentificationRefused` if the robot has other
     parameters than the former result.
     """
-    if former.rates:
-        nominal = Kinematics(nominal.mechanism.with_ripples(former.rates), nominal.p)
-    model = error_model(nominal, shots, options)
     table = nominal.mechanism.parameters
-    # what was held then, and growth where the new shots have no temperatures, is held now
-    new = set(model.names) - set(former.names)
     if not {*former.names} <= {*table.select(), *TRACKER_SOURCES}:
         raise IdentificationRefused(
             "the last result has other unknowns than this robot",
             remedy="run `pkmcal identify DIR` again, and check by that result",
         )
+    if former.rates:
+        nominal = Kinematics(nominal.mechanism.with_ripples(former.rates), nominal.p)
+    model = error_model(nominal, shots, options)
+    # what was held then, and growth where the new shots have no temperatures, is held now
+    new = set(model.names) - set(former.names)
     model = replace(model, held=frozenset(model.held) | new)
     near = nominal.forward(shots.joints, approach=shots.approach).values_or_raise()
     # The former covariance, in the order and the tolerances of now, plus the drift's variance: a

@@ -42,6 +42,7 @@ from campaigns.identification.observations import error_model, fitted_sessions, 
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.paper import identify_as_paper
 from campaigns.identification.positions import Positions, uncertainty_of_positions
+from campaigns.identification.repeats import repeating_share
 from campaigns.identification.result import (
     Diagnosis,
     Excluded,
@@ -222,7 +223,10 @@ class _JudgedCampaign:
         ratio = 1.0 if unseen.test is None else unseen.test.applied_ratio
         positions = None
         if options.workspace is not None:
-            positions = uncertainty_of_positions(fit, identified, options.workspace, ratio)
+            repeating = repeating_share(fit, shots, self.observations)
+            positions = uncertainty_of_positions(
+                fit, identified, options.workspace, ratio, repeating
+            )
         region = None if positions is None else positions.region
         residuals = self._residuals(fit)
         found = (
@@ -255,7 +259,7 @@ class _JudgedCampaign:
                 if isinstance(effect, Layer)
             ),
             diagnosis=self._diagnosis(fit),
-            excluded=(*_left_out(self.events), *unseen.lost),
+            excluded=(*_left_out(self.events, shots), *unseen.lost),
             covariance=self._covariance(fit, null, ratio),
             position_std_mm=None if positions is None else positions.std,
             budget=positions.shares if positions else (),
@@ -503,15 +507,16 @@ def _rounded(rows: Array, digits: int) -> tuple[tuple[float, ...], ...]:
     return tuple(map(tuple, np.round(rows, digits).tolist()))
 
 
-def _left_out(events: Iterable[Event]) -> Iterator[Excluded]:
+def _left_out(events: Iterable[Event], shots: Shots) -> Iterator[Excluded]:
     """Yield the shots that events leave out, each with its reason."""
+    pairs = dict(zip(shots.numbers, shots.pairs, strict=True))
     for event in events:
         if event.kind == "no assembly":
             reason = "the robot cannot be assembled at its joints"
-            yield Excluded(reason, shot=event.first)
+            yield Excluded(reason, shot=event.first, pair=pairs[event.first])
         elif event.kind == "wrong shot":
             reason = f"{event.size:.3f} mm off where all others put it"
-            yield Excluded(reason, shot=event.first, size_mm=event.size)
+            yield Excluded(reason, event.first, pairs[event.first], event.size)
 
 
 def _obstacles(findings: Sequence[Finding]) -> tuple[Finding, ...]:

@@ -30,8 +30,10 @@ from campaigns.kinematics.mechanism import Kinematics
 
 FEWEST_POSES = 0.9
 """Share of the workspace's sample that the identified robot must be able to take."""
-ESTIMATED = ("points", "joints", "along", "across")
+ESTIMATED = ("points", "joints", "along", "across", "repeating")
 """Parts of the noise that are estimated from the shots' scatter: type A. All else is type B."""
+REPEATING = "repeating"
+"""Row of the budget: scatter of the fit that visits of one pose do not show."""
 NOISE_WORDS = {
     "stated": "tracker: noise of points, as stated",
     "along": "tracker: noise along the beam",
@@ -43,6 +45,7 @@ NOISE_WORDS = {
     "periods": "periodic errors of the drives",
     "lag": "joints read before they arrived",
     "layer": "errors by place or angle without a known source",
+    REPEATING: "errors that repeat, beyond the scatter of visits",
     FORMER: "former result",
     SIZES: "sizes of the groups of errors",
 }
@@ -58,12 +61,13 @@ class Positions:
 
 
 def uncertainty_of_positions(
-    fit: Fit, identified: Kinematics, workspace: Array, ratio: float
+    fit: Fit, identified: Kinematics, workspace: Array, ratio: float, repeating: float = 0.0
 ) -> Positions | None:
     """Return the uncertainty of positions at poses (N, t), in the frame that fits all of them best.
 
-    `ratio` multiplies the uncertainty where hold-out pairs showed larger errors. Return None where
-    the identified robot can take too few of the poses.
+    `ratio` multiplies the uncertainty where hold-out pairs showed larger errors, `repeating` is the
+    share of the robot's scatter that repeats, and so is an error of each position. Return None
+    where the identified robot can take too few of the poses.
     """
     # 1. Derivatives of the positions by all unknowns, at the workspace's sample and at the shots
     #    that counted, both "unmeasured": without a tracker, since only the robot is asked about.
@@ -84,6 +88,9 @@ def uncertainty_of_positions(
         return None
     covariance = fit.covariance[: fit.model.size, : fit.model.size]
     between_shots = unseen_covariances(fit, robot.by_moves, both).trace(axis1=1, axis2=2)
+    point, joint = fit.scatter
+    by_joint2 = (robot.by_moves["joints"] ** 2).sum(axis=(1, 2))
+    repeats = repeating * (3.0 * point**2 + joint**2 * by_joint2)
     by_sample = without_frame(robot.by[:count], positions[:count])
     followed = ratio * np.hypot(
         position_std_mm(by_sample, covariance), between_shots[:count] ** 0.5
@@ -92,7 +99,7 @@ def uncertainty_of_positions(
     beyond = without_frame(_moved_by_layers(fit, robot)[:count, :, None], positions[:count])
     std = np.hypot(followed, ratio * np.linalg.norm(beyond, axis=(1, 2)))
     of_all = position_std_mm(without_frame(robot.by, positions), covariance)
-    of_both = np.hypot(of_all, between_shots**0.5)
+    of_both = np.sqrt(of_all**2 + between_shots + repeats)
     region = Region.of(sample, of_both[:count], of_both[count:], identified.mechanism.task)
     rms = float(np.sqrt((std**2).mean()))
     corrected = float(np.sqrt((followed**2).mean())) if beyond.any() else None
@@ -100,6 +107,8 @@ def uncertainty_of_positions(
     squares = dict(budget(fit, by_sample))
     if beyond.any():
         squares["layer"] += float(between_shots[:count].mean() + (beyond**2).sum() / count)
+    if repeating:
+        squares[REPEATING] = float(repeats[:count].mean())
     return Positions(sizes, region, _shares(squares, ratio, rms))
 
 

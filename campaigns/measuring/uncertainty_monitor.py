@@ -11,8 +11,9 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import PlanInvalid
+from campaigns.fit.effects import Walk
 from campaigns.fit.events import explain
-from campaigns.fit.fit import Fit
+from campaigns.fit.fit import Fit, integrate_sizes
 from campaigns.fit.uncertainty import null_directions, position_std_mm
 from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
@@ -59,7 +60,7 @@ class UncertaintyMonitor:
         rows = np.flatnonzero(solution.is_solved)
         observations = observations_of(shots.rows(rows), solution.values[rows], self._options)
         try:
-            posterior = explain(self._model, observations)
+            posterior = integrate_sizes(explain(self._model.with_effects((Walk(0),)), observations))
         except (ValueError, np.linalg.LinAlgError):  # the shots place no frame yet
             return None
         return posterior if posterior.has_converged else None

@@ -65,11 +65,6 @@ def test_with_temperatures_of_parts_a_check_is_judged_and_updates(tmp_path):
     assert updated.reference_degC == 20.0
 
 
-@pytest.mark.xfail(
-    raises=IdentificationRefused,
-    strict=True,
-    reason="growth is not dropped from a former result yet",
-)
 def test_without_temperatures_at_the_check_growth_is_left_out(tmp_path):
     paper = identified(tmp_path / "c", part_temperatures=READINGS)
     change(paper.folder / "campaign.yaml", {"part_temperatures": {}})
@@ -78,11 +73,6 @@ def test_without_temperatures_at_the_check_growth_is_left_out(tmp_path):
     assert update_by_check(paper.campaign).verdict == "pass"
 
 
-@pytest.mark.xfail(
-    raises=IdentificationRefused,
-    strict=True,
-    reason="names held by --fix are not left out of a check yet",
-)
 def test_a_set_identified_with_held_parameters_is_checked_and_updated(tmp_path):
     paper = identified(tmp_path / "c", IdentificationOptions(fix=("rods", "arm3.arm_mm")))
     judged = checked(paper)
