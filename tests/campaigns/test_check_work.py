@@ -6,7 +6,7 @@ from command_line import change
 from paper_campaign import new_campaign
 
 from campaigns.campaign import open_campaign
-from campaigns.errors import IdentificationRefused, PlanInvalid
+from campaigns.errors import PlanInvalid
 from campaigns.identification.options import IdentificationOptions
 from campaigns.options import CheckOptions
 from campaigns.planning.paths import check_paths
