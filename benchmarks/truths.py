@@ -250,6 +250,8 @@ class TrueRobot:
     """Motion of the drives under the plate's weight, at their cranks' ends."""
     reflector_mm: Array
     """Reflector on the plate, seen from the controlled point."""
+    reflector_in_file_mm: Array
+    """Where the robot's file has it."""
     frame_mm: Array
     """(2,): rise of the point by its squared reach and by its height."""
     lacks: tuple[Term, ...]
@@ -289,6 +291,8 @@ class TrueRobot:
         values = {f"arm{a}.{n}": float(v) for n, c in columns.items() for a, v in enumerate(c)}
         for arm, error_mm in enumerate(rods_mm.mean(axis=1)):
             values[f"arm{arm}.forearm_mm"] = self.flat[f"arm{arm}.forearm_mm"] + error_mm
+        beyond_mm = (self.reflector_mm - self.reflector_in_file_mm).tolist()
+        values |= {f"reflector_{axis}_mm": v for axis, v in zip("xyz", beyond_mm, strict=True)}
         by_reach, by_height = self.frame_mm.tolist()
         # a model's sag is of 400 mm of reach and of 200 mm of height
         return {**self.flat, **values, "sag_reach_mm": by_reach, "sag_z_mm": 0.5 * by_height}
@@ -349,6 +353,7 @@ def draw_robot(
         bend=_bend(kind, situation, planned, streams),
         yield_mm=size("yield"),
         reflector_mm=stated_reflector_mm(kind.name) + _misplaced(kind, situation, streams),
+        reflector_in_file_mm=np.array(plate.reflector_mm),
         frame_mm=normal("frame", 2),
         lacks=tuple(situation.of("edge", "kink", "cable", "sag", "theta", "dent")),
         reach_mm=planned.reach_mm,

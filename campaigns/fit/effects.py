@@ -183,7 +183,7 @@ class Walk(Effect):
 
 
 # By the rate ω the wave a sin ωq + b cos ωq changes by q (a cos ωq - b sin ωq): a column of its own
-# once amplitudes are known, linearised anew at each estimate of the rate.
+# once amplitudes are known, linearised again at each estimate of the rate.
 @dataclass(frozen=True, slots=True)
 class Ripple(Effect):
     """Periodic error of drives, of one rate, in some of the arms."""

@@ -17,7 +17,7 @@ follow those of the table in x.
 their derivatives: the fit, hold-out pairs, plans and the gate of a run ask it.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
@@ -322,7 +322,8 @@ class ErrorModel:
         bases = [effect.basis(observations) for effect in self.effects]
         moves = self._moves(x, bases, observations)
         moved = replace(observations, joints=observations.joints + moves["joints"])
-        assembly, columns, by_joint = self._assembled(x, moves["unknowns"], moved, near)
+        assembled = self._assembled(x, moves["unknowns"], moved, near)
+        columns, by_joint = assembled.by_unknowns, assembled.by_joint
         shifts = moves["point"]
         if self.with_growth:
             growth = [place for place, group in enumerate(self.groups) if group == "growth"]
@@ -338,7 +339,7 @@ class ErrorModel:
             for effect, basis in zip(self.effects, bases, strict=True)
         ]
         return RobotPoints(
-            assembly=shift_points(assembly, shifts),
+            assembly=shift_points(assembled.assembly, shifts),
             by=np.concatenate([columns, *by_effects], axis=2),
             by_moves=by_moves,
             frame_moves=moves["frame"],
@@ -398,37 +399,56 @@ class ErrorModel:
 
     def _assembled(
         self, x: Array, moved: Array, observations: Observations, near: Array
-    ) -> tuple[Assembly, Array, Array]:
+    ) -> "_Assembled":
         """Assemble and differentiate all shots, each with the unknowns that it had.
 
         `moved` (N, P) are changes of unknowns: shots with equal changes are of one robot.
         """
         if not moved.any():
             robot, assembly = self.positions(x, observations, near)
-            return assembly, *self.robot_columns(robot, observations, assembly.unknowns)
+            columns = self.robot_columns(robot, observations, assembly.unknowns)
+            return _Assembled(assembly, *columns)
         changes, of_robot = np.unique(moved, axis=0, return_inverse=True)
         order, parts = [], []
         for number, change in enumerate(changes):
             rows = np.flatnonzero(of_robot.ravel() == number)
-            some = observations.rows(rows)
-            robot, assembly = self.positions(x[: len(self.names)] + change, some, near[rows])
-            columns, by_joint = self.robot_columns(robot, some, assembly.unknowns)
+            shots = observations.rows(rows)
+            robot, assembly = self.positions(x[: len(self.names)] + change, shots, near[rows])
+            columns = self.robot_columns(robot, shots, assembly.unknowns)
             order.append(rows)
-            parts.append((assembly, columns, by_joint))
-        back = np.argsort(np.concatenate(order))
+            parts.append(_Assembled(assembly, *columns))
+        return _Assembled.of_parts(parts, np.argsort(np.concatenate(order)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Assembled:
+    """Assembly of shots with its derivatives by the model's unknowns and by the joints."""
+
+    assembly: Assembly
+    by_unknowns: Array
+    """(N, 3, P)"""
+    by_joint: Array
+    """(N, 3, n)"""
+
+    @classmethod
+    def of_parts(cls, parts: Sequence[Self], order: Index) -> Self:
+        """Join assemblies of some shots each, and put all shots into an order (N,)."""
         # robots without tilts have fewer unknowns: those of a level plate are 0
-        width = max(assembly.unknowns.shape[1] for assembly, _, _ in parts)
+        assemblies = [part.assembly for part in parts]
+        width = max(assembly.unknowns.shape[1] for assembly in assemblies)
         unknowns = [
             np.pad(assembly.unknowns, ((0, 0), (0, width - assembly.unknowns.shape[1])))
-            for assembly, _, _ in parts
+            for assembly in assemblies
         ]
-        together = Assembly(
-            np.concatenate(unknowns)[back],
-            np.concatenate([assembly.poses for assembly, _, _ in parts])[back],
-            np.concatenate([assembly.is_solved for assembly, _, _ in parts])[back],
+        return cls(
+            Assembly(
+                np.concatenate(unknowns)[order],
+                np.concatenate([assembly.poses for assembly in assemblies])[order],
+                np.concatenate([assembly.is_solved for assembly in assemblies])[order],
+            ),
+            np.concatenate([part.by_unknowns for part in parts])[order],
+            np.concatenate([part.by_joint for part in parts])[order],
         )
-        columns = np.concatenate([columns for _, columns, _ in parts])[back]
-        return together, columns, np.concatenate([by_joint for _, _, by_joint in parts])[back]
 
 
 def shift_points(assembly: Assembly, shifts: Array) -> Assembly:

@@ -55,7 +55,7 @@ USUAL_CHANGES = (1.0, 5.0, 25.0, 125.0)
 LEFT_OUT = 3
 """Shots left out from which proposals with all shots are made: so many may be one change."""
 STAND_HELD = 1e-4
-"""Size of the stand's motion that is as good as none."""
+"""Size of the stand's motion at which it has no influence."""
 Kind = Literal["wrong shot", "change", "no assembly"]
 
 
@@ -67,7 +67,7 @@ class Event:
     first: int
     """First shot concerned: its row in the fit, in a result its number."""
     last: int
-    """Last shot concerned, likewise."""
+    """Last shot concerned: row or number, as above."""
     parts: tuple[str, ...] = ()
     """Parts that explain a change nearly as well, the likeliest first."""
     size: float = 0.0
@@ -129,7 +129,7 @@ def _with_effects(fit: Fit, hypotheses: Callable[[Fit], Iterable[tuple[Effect, .
 def _fit_with(fit: Fit, effects: tuple[Effect, ...]) -> tuple[Fit, float] | None:
     """Return the fit with these effects and its evidence; None if it is no number."""
     result = refit(fit, fit.model.with_effects(effects))
-    for _ in range(2):  # the rate of a ripple enters by a column: linearise it anew
+    for _ in range(2):  # the rate of a ripple enters by a column: linearise it again
         tuned = _retuned(result)
         if tuned is result.model.effects:
             break

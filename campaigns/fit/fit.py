@@ -95,7 +95,7 @@ class Whitened:
     """R, (N, 3, 3)."""
     residual: Array
     """(3 N,)"""
-    known: Array
+    explained: Array
     """K, (Q, 3 N)."""
 
     def columns(self, columns: Array) -> Array:
@@ -105,7 +105,7 @@ class Whitened:
 
     def information(self, columns: Array) -> Array:
         """Return the information (k, k) on the unknowns of whitened columns (3 N, k)."""
-        shared = self.known @ columns
+        shared = self.explained @ columns
         return np.asarray(columns.T @ columns - shared.T @ shared)
 
 
@@ -187,10 +187,12 @@ class Fit:
         if prior.precision is not None and prior.mean is not None:
             precision[:count, :count] = prior.precision
             deviation[:count] -= prior.mean
-            own = np.zeros(count)
+            of_table = np.zeros(count)
         else:
-            own = np.ones(count)
-        diagonal = np.concatenate([own, np.ones(model.size - count), np.zeros(size - model.size)])
+            of_table = np.ones(count)
+        diagonal = np.concatenate(
+            [of_table, np.ones(model.size - count), np.zeros(size - model.size)]
+        )
         for places in self.groups.values():
             diagonal[places] = 0.0
         for source, (value, std) in prior.lengths.items():
@@ -230,8 +232,8 @@ class Fit:
         rows = 3 * len(self.good)
         jacobian = (root @ self.at.jacobian).reshape(rows, -1)
         factor = np.linalg.cholesky(self.normal[0] + self.precision)
-        known = scipy.linalg.solve_triangular(factor, jacobian.T, lower=True)
-        return Whitened(np.asarray(root), (root @ self.residual[..., None]).ravel(), known)
+        explained = scipy.linalg.solve_triangular(factor, jacobian.T, lower=True)
+        return Whitened(np.asarray(root), (root @ self.residual[..., None]).ravel(), explained)
 
     @cached_property
     def covariance(self) -> Array:
@@ -377,8 +379,8 @@ def _from(start: Fit, model: ErrorModel, observations: Observations | None) -> F
         start.at.x[before[name]] if name in before else np.zeros(effect.count)
         for name, effect in zip(_names_of(model), model.effects, strict=True)
     ]
-    own = dict(zip(start.model.names, start.x.tolist(), strict=True))
-    x = np.concatenate([[own.get(name, 0.0) for name in model.names], *values])
+    by_name = dict(zip(start.model.names, start.x.tolist(), strict=True))
+    x = np.concatenate([[by_name.get(name, 0.0) for name in model.names], *values])
     sizes = {group: start.sizes.get(group, 1.0) for group in model.sized_groups}
     fit = replace(start, model=model, sizes=sizes, spread=None, updates=0)
     if observations is None:

@@ -1,6 +1,6 @@
 """Periodic errors of drives: a scan over their periods, and what is found in the robot.
 
-Theory of operation. A gear or screw repeats its error with some period that nobody may know. The
+Theory of operation. A gear or screw repeats its error with a period, which may be unknown. The
 scan asks at each rate how much likelier the shots are with a sine and a cosine of it, of one rate
 in all joints or of a rate in one joint alone. What is likelier than no period becomes an effect
 with its rate as an unknown (`effects.Ripple`). A robot file has ripples too: in the end the rates
@@ -58,7 +58,7 @@ def _factors_of_rates(fit: Fit, rates: Array) -> Array:
     # columns of all rates at once: (N, 3, R, n, 2)
     columns = white.columns(by_joint[:, :, None, :, None] * waves[:, None])
     score = (columns.T @ white.residual).reshape(count, 2 * arms, 1)
-    shared = (white.known @ columns).reshape(-1, count, 2 * arms).transpose(1, 0, 2)
+    shared = (white.explained @ columns).reshape(-1, count, 2 * arms).transpose(1, 0, 2)
     alone = columns.reshape(-1, count, 2 * arms).transpose(1, 0, 2)
     information = alone.swapaxes(1, 2) @ alone - shared.swapaxes(1, 2) @ shared
     log_factors = [log_factors_at_usual_size(score, information)]
@@ -100,12 +100,12 @@ def with_periods_of_robot(fit: Fit) -> Fit:
     """
     for _ in range(2):
         effects = tuple(_as_rate_errors(fit))
-        found = [effect for effect in effects if isinstance(effect, RateError)]
-        if not found:
+        of_robot = [effect for effect in effects if isinstance(effect, RateError)]
+        if not of_robot:
             return fit
         mechanism = fit.model.nominal.mechanism
         rates = list(mechanism.rates)
-        for effect in found:
+        for effect in of_robot:
             for arm in effect.arms:
                 rates[arm] = rate_in_file(effect.rate, is_revolute=fit.model.is_revolute)
         robot = Kinematics(mechanism.with_ripples(rates), fit.model.nominal.p)

@@ -50,7 +50,7 @@ def log_densities(residual: Array, covariance: Array) -> tuple[Array, Array]:
 def probabilities_of_good(good: Array, wrong: Array, share: float, usable: Mask) -> Array:
     """Return the probability (N,) of each shot to be good, 0 for shots that are not `usable`.
 
-    At most half of the shots are wrong: of more the good ones could not be told from the wrong.
+    At most half of the shots are wrong: among more the good ones could not be distinguished.
     """
     log_odds = np.log(share / (1.0 - share)) + wrong - good
     probability = scipy.special.expit(-log_odds) * usable

@@ -229,11 +229,11 @@ class _JudgedCampaign:
             )
         region = None if positions is None else positions.region
         residuals = self._residuals(fit)
-        found = (
+        all_findings = (
             *self._collect_findings(fit, null, unseen, positions, residuals),
             *([] if lengths is None else lengths.findings),
         )
-        obstacles = _obstacles(found)
+        obstacles = _obstacles(all_findings)
         reasons = tuple(finding.says for finding in obstacles)
         if not obstacles:
             reasons = tuple(_gains(residuals, unseen.errors, region))
@@ -265,7 +265,7 @@ class _JudgedCampaign:
             budget=positions.shares if positions else (),
             region=region,
             hold_out=unseen.test,
-            findings=found,
+            findings=all_findings,
             frame=frames[0],
             sessions=self._sessions(frames) if options.sessions else (),
             reference_degC=options.reference_degC if fit.model.with_growth else None,
@@ -503,7 +503,7 @@ class _JudgedCampaign:
 
 
 def _rounded(rows: Array, digits: int) -> tuple[tuple[float, ...], ...]:
-    """Return rows (N, 3) for a document, without digits that nobody sees."""
+    """Return rows (N, 3) for a document, rounded to so many decimals."""
     return tuple(map(tuple, np.round(rows, digits).tolist()))
 
 

@@ -118,8 +118,8 @@ def _require_covariances(shots: Shots, is_stated: Mask) -> None:
 def fitted_sessions(shots: Shots, assembles: Mask, options: IdentificationOptions) -> Index:
     """Return the numbers of the sessions that have a frame of their own; one number for all.
 
-    `assembles` (N,) tells at which shots the nominal robot can be assembled. Raise `ShotsMissing`
-    for a session with too few of them to place the tracker's frame.
+    `assembles` (N,) is true for shots at which the nominal robot can be assembled. Raise
+    `ShotsMissing` for a session with too few of them to place the tracker's frame.
     """
     rows = shots.rows_of(ShotSet.IDENTIFICATION)
     session = shots.session if options.sessions else np.zeros(len(shots), dtype=np.intp)

@@ -6,6 +6,8 @@ it. Where they scatter less than the fit says, the rest is an error of the model
 an error of every position.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 import scipy
 
@@ -23,6 +25,20 @@ REPEATED = (ShotSet.DRIFT, ShotSet.REPEATABILITY)
 """Sets in which poses are visited again."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Visits:
+    """Visits of poses: how far each is from the mean of its pose, and what noise it has."""
+
+    deviations: Array
+    """(N, 3), mm."""
+    stated: Array
+    """Covariance of the tracker's noise, (N, 3, 3)."""
+    scatter: Array
+    """Covariance of the robot's scatter as the fit has it, (N, 3, 3)."""
+    freedom: int
+    """Degrees of freedom of all deviations."""
+
+
 # Deviations d of visits from the mean of their pose have the noise V of a shot, less what the mean
 # took up: Σ d'V⁻¹d has 3 (k - 1) degrees of freedom. It is divided by the scatter of the fit, which
 # has degrees of freedom of its own, so that its size is compared by F.
@@ -31,60 +47,57 @@ def repeating_share(fit: Fit, shots: Shots, observations: Observations) -> float
 
     `observations` are of all `shots`.
     """
-    deviations, stated, scatter, dof = _visits(fit, shots, observations)
-    if dof == 0:
+    visits = _visits(fit, shots, observations)
+    if visits is None:
         return 0.0
-    chi2 = _chi2(deviations, stated + scatter)
-    if scipy.special.fdtr(dof, max(fit.freedom, 1.0), chi2 / dof) >= LEVEL:
+    ratio = _chi2(visits, 1.0) / visits.freedom
+    if scipy.special.fdtr(visits.freedom, max(fit.freedom, 1.0), ratio) >= LEVEL:
         return 0.0
     shares = np.linspace(0.0, 1.0, 51)
-    log_likelihood = [
-        -0.5 * _chi2(deviations, stated + share * scatter)
-        - 0.5
-        * dof
-        / len(deviations)
-        / 3.0
-        * float(np.linalg.slogdet(stated + share * scatter)[1].sum())
-        for share in shares
-    ]
-    return 1.0 - float(shares[int(np.argmax(log_likelihood))])
+    likeliest = int(np.argmax([_log_likelihood(visits, share) for share in shares]))
+    return 1.0 - float(shares[likeliest])
 
 
-def _chi2(deviations: Array, covariance: Array) -> float:
-    """Return Σ d'V⁻¹d of deviations (N, 3) with covariances (N, 3, 3)."""
-    scaled = np.linalg.solve(covariance, deviations[..., None])[..., 0]
-    return float((deviations * scaled).sum())
+def _chi2(visits: _Visits, share: float) -> float:
+    """Return Σ d'V⁻¹d with a share of the robot's scatter."""
+    covariance = visits.stated + share * visits.scatter
+    scaled = np.linalg.solve(covariance, visits.deviations[..., None])[..., 0]
+    return float((visits.deviations * scaled).sum())
 
 
-def _visits(fit: Fit, shots: Shots, observations: Observations) -> tuple[Array, Array, Array, int]:
-    """Return deviations of visits from their pose's mean (N, 3), their noise, and its freedom.
+def _log_likelihood(visits: _Visits, share: float) -> float:
+    """Return the log likelihood of a share of the robot's scatter, up to a constant."""
+    # the means took up some of the coordinates: each determinant counts for what is left
+    log_sizes = np.linalg.slogdet(visits.stated + share * visits.scatter)[1]
+    share_left = visits.freedom / (3.0 * len(visits.deviations))
+    return -0.5 * _chi2(visits, share) - 0.5 * share_left * float(log_sizes.sum())
 
-    The noise is the tracker's (N, 3, 3) and the robot's scatter (N, 3, 3) as the fit has it.
-    """
-    # Predicted points take out the joints read and the slow motion of the stand.
+
+def _visits(fit: Fit, shots: Shots, observations: Observations) -> _Visits | None:
+    """Return the visits of poses that were visited more than once; None without any."""
     rows = shots.rows_of(*REPEATED)
     rows = rows[(observations.frame[rows] >= 0) & np.isfinite(observations.near[rows]).all(axis=1)]
-    deviations, used, dof = [], [], 0
-    if len(rows):
-        visits = observations.rows(rows)
-        at = fit.model.predict(fit.at.x, fit.at.frames, visits, visits.near)
-        poses = np.column_stack([np.round(shots.commanded[rows], 6), observations.frame[rows]])
-        _, of_pose = np.unique(poses, axis=0, return_inverse=True)
-        for pose in range(int(of_pose.max()) + 1):
-            members = np.flatnonzero(of_pose.ravel() == pose)
-            residual = at.residual[members]
-            if len(members) > 1 and np.isfinite(residual).all():
-                deviations.append(residual - residual.mean(axis=0))
-                used.append(members)
-                dof += 3 * (len(members) - 1)
-    if not dof:
-        empty = np.zeros((0, 3, 3))
-        return np.zeros((0, 3)), empty, empty, 0
-    parts = noise_parts(fit.model, visits, at.by_joint)
-    members = np.concatenate(used)
-    sums = [
-        sum((fit.factors.get(part, 1.0) * covariance[members] for part, covariance in parts.items()
-             if (part in SCATTER) is is_scatter), np.zeros((len(members), 3, 3)))
-        for is_scatter in (False, True)
-    ]  # fmt: skip
-    return np.concatenate(deviations), sums[0], sums[1], dof
+    if not len(rows):
+        return None
+    # predicted points take out the joints read and the slow motion of the stand
+    measured = observations.rows(rows)
+    at = fit.model.predict(fit.at.x, fit.at.frames, measured, measured.near)
+    poses = np.column_stack([np.round(shots.commanded[rows], 6), observations.frame[rows]])
+    _, of_pose, counts = np.unique(poses, axis=0, return_inverse=True, return_counts=True)
+    of_pose = of_pose.ravel()
+    is_again = (counts[of_pose] > 1) & np.isfinite(at.residual).all(axis=1)
+    freedom = 3 * int(is_again.sum() - len(np.unique(of_pose[is_again])))
+    if freedom <= 0:
+        return None
+    means = np.stack(
+        [at.residual[is_again & (of_pose == pose)].mean(axis=0) for pose in of_pose[is_again]]
+    )
+    parts = noise_parts(fit.model, measured, at.by_joint)
+    stated, scatter = np.zeros((2, int(is_again.sum()), 3, 3))
+    for part, covariance in parts.items():
+        of_part = fit.factors.get(part, 1.0) * covariance[is_again]
+        if part in SCATTER:
+            scatter += of_part
+        else:
+            stated += of_part
+    return _Visits(at.residual[is_again] - means, stated, scatter, freedom)
