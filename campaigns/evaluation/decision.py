@@ -173,7 +173,7 @@ def allows_decision(
     if not math.isfinite(std_mm):
         return "σ of positions is unknown"
     expanded_mm = coverage_factor() * std_mm
-    too_large = f"U of positions is {expanded_mm:.3g} mm (k = 2)"
+    too_large = f"U of distances is {expanded_mm:.3g} mm (k = 2)"
     for name, limit_mm in sorted(limits_mm.items(), key=lambda item: item[1]):
         if decide(0.0, std_mm, limit_mm) != "pass":
             return f"{too_large}, more than the limit of the {name} error, {limit_mm:g} mm"

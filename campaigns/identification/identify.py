@@ -488,7 +488,9 @@ class _JudgedCampaign:
         if positions is None:
             return None
         before = (residuals if unseen.errors is None else unseen.errors).summary().before
-        return allows_decision(positions.std.rms, self.options.limits_mm, before.rms)
+        # limits are of distances, along which each end has a third of its variance in space
+        std_of_distance = positions.std.rms * (2.0 / 3.0) ** 0.5
+        return allows_decision(std_of_distance, self.options.limits_mm, before.rms)
 
     def _numbers_in_time(self) -> list[int]:
         """Return the numbers of the shots for identification and hold-out, in the order of time."""

@@ -182,8 +182,8 @@ def test_ripples_are_common_or_of_own_rates_or_of_one_arm(measured):
 
 
 def test_a_reflector_is_beside_the_place_of_its_file(measured, plans):
-    stated = np.array(find_robot("par4-prototype").mechanism.plate.reflector_mm)
-    off = measured("reflector 50").now.reflector_mm - stated
+    stated = nominal_robot("par4", plans, is_reflector_stated=True).mechanism.plate.reflector_mm
+    off = measured("reflector 50").now.reflector_mm - np.array(stated)
     assert np.linalg.norm(off) == pytest.approx(50.0)
     silent = nominal_robot("par4", plans, is_reflector_stated=False)
     assert silent.mechanism.plate.reflector_mm == (0.0, 0.0, 0.0)

@@ -14,7 +14,17 @@ NEXT = {"schema", "next", "before_next", "next_reason"}
 IDENTIFICATION_KEYS = {
     *("schema", "model", "converged", "iterations", "parameters", "undetermined", "scatter"),
     *("sizes", "tracker", "residuals_mm", "unseen_mm", "fitted", "unseen", "modelled"),
-    *("excluded", "covariance", "correlations", "position_std_mm", "budget", "region"),
+    *(
+        "events",
+        "diagnosis",
+        "layers",
+        "excluded",
+        "covariance",
+        "correlations",
+        "position_std_mm",
+        "budget",
+        "region",
+    ),
     *("hold_out", "findings", "frame", "sessions", "reference_degC", "posterior"),
     *("verdict", "reasons", "obstacles", "seconds"),
     *("series", "shots", "asked", "robot_digest", "plan_digest", "journal_digest"),
