@@ -97,6 +97,30 @@ def add_steps(fit: Fit) -> Fit:
     return _with_effects(fit, _changed)
 
 
+# Parts that explain a change nearly as well give other robots of today. Each counts by its
+# evidence; the best stays the estimate, and σ carries how far the others are from it.
+def spread_over_parts(fit: Fit) -> Array:
+    """Return the covariance (P, P) of today's unknowns by which part it is that changed."""
+    size = len(fit.model.names)
+    today, best = fit.model.of_today @ fit.at.x, log_evidence(fit)
+    covariance, total = np.zeros((size, size)), 1.0
+    for step in steps_of(fit):
+        for part in step.parts[1:]:
+            other = candidate_parts(fit.model).get(part)
+            if other is None:
+                continue
+            changed = replace(
+                other, since=step.since, until=step.until, parts=step.parts, log_odds=step.log_odds
+            )
+            effects = tuple(changed if effect is step else effect for effect in fit.model.effects)
+            if (trial := _fit_with(fit, effects)) is None:
+                continue
+            weight = float(np.exp(min(trial[1] - best, 0.0)))
+            away = trial[0].model.of_today @ trial[0].at.x - today
+            covariance, total = covariance + weight * np.outer(away, away), total + weight
+    return np.asarray(covariance / total)
+
+
 def add_changes_since_prior(fit: Fit) -> Fit:
     """Add the parts that changed between a former result, the fit's prior, and all of its shots."""
     return _with_effects(fit, _changed_since_prior)

@@ -590,6 +590,13 @@ def log_evidence(fit: Fit) -> float:
     return float(value + sum(effect.log_odds for effect in fit.model.effects))
 
 
+def with_spread(fit: Fit, covariance: Array) -> Fit:
+    """Return the fit with further covariance (P, P) of the model's own unknowns."""
+    spread = np.zeros_like(fit.inverse) if fit.spread is None else fit.spread.copy()
+    spread[: len(covariance), : len(covariance)] += covariance
+    return replace(fit, spread=spread)
+
+
 # A group of k unknowns with the size ρ₀ has the block S = U diag(s) U' of the covariance C. At
 # another size ρ, with δ = ρ⁻² - ρ₀⁻² and c_j the column C U_j, Woodbury's identity gives
 #

@@ -60,6 +60,7 @@ NOT_TAKEN = "unseen-not-taken"
 WORSE = "unseen-worse"
 NOT_ARRIVED = "not-arrived"
 CONTRADICTS = "contradicts-former"
+NOT_REPRODUCED = "not-reproduced"
 STAND, PERIOD, LAG, LAYER = "stand", "period", "lag", "unexplained"
 KNOWN_LENGTH = "known-length"
 ACCEPTABLE = (BEYOND_TOLERANCE,)

@@ -27,11 +27,19 @@ from campaigns.evaluation.region import Region
 from campaigns.fit.effects import Layer, RateError, Ripple, Walk
 from campaigns.fit.error_model import ErrorModel, Observations
 from campaigns.fit.error_sources import TRACKER_SOURCES
-from campaigns.fit.events import Event, add_steps, events_of, explain, with_steps_of
-from campaigns.fit.fit import Fit, Prior, integrate_sizes, refit
+from campaigns.fit.events import (
+    Event,
+    add_steps,
+    events_of,
+    explain,
+    spread_over_parts,
+    steps_of,
+    with_steps_of,
+)
+from campaigns.fit.fit import Fit, Prior, integrate_sizes, refit, with_spread
 from campaigns.fit.left_out import pattern_of
 from campaigns.fit.periods import scan_periods, with_periods_of_robot
-from campaigns.fit.rigid_transforms import fit_transform
+from campaigns.fit.rigid_transforms import SHOTS_FOR_A_FRAME, fit_transform
 from campaigns.fit.uncertainty import NullDirections, null_directions
 from campaigns.identification import findings
 from campaigns.identification.checking import fit_with_former, former_datum, misfit_of
@@ -210,6 +218,8 @@ class _JudgedCampaign:
         # where the priors like it best, and left out of σ, in all parameters below.
         null = self.datum or null_directions(self.likeliest)
         fit = integrate_sizes(self.likeliest)
+        if steps_of(fit):
+            fit = with_spread(fit, spread_over_parts(self.likeliest))
         today = fit.model.of_today @ fit.at.x
         stated = null.transform(today)
         identified = fit.model.kinematics(stated)
@@ -446,6 +456,7 @@ class _JudgedCampaign:
         if not fit.has_converged or (self.datum is None and off_mode > SETTLED_TOLERANCES):
             says = "the fit did not settle: look for gross errors, or measure at more poses"
             yield Finding(findings.NOT_ARRIVED, says, "fail")
+        yield from self._reproduction(fit, null)
         accepted = findings.ACCEPTABLE if options.accept_large_change else ()
         for finding in findings.tolerance_findings(fit, null):
             yield finding.accept(accepted)
@@ -480,6 +491,30 @@ class _JudgedCampaign:
             self._obstacle_of_positions(positions, unseen, residuals),
             was_asked=options.workspace is not None,
         )
+
+    # What is reported goes through the forward model once more: along directions that no shot
+    # determines positions must not move, however far the datum is from the estimate.
+    def _reproduction(self, fit: Fit, null: NullDirections) -> Iterator[Finding]:
+        """Yield a finding if the reported parameters do not place the shots as the fit does."""
+        today = fit.model.of_today @ fit.at.x
+        rows = np.flatnonzero(fit.kept)
+        joints, near = fit.observations.joints[rows], fit.observations.near[rows]
+        reported, fitted = (
+            fit.model.kinematics(x).forward(joints, near) for x in (null.transform(today), today)
+        )
+        both = reported.is_solved & fitted.is_solved
+        if int(both.sum()) < SHOTS_FOR_A_FRAME:
+            return
+        placed = fit_transform(reported.values[both, :3], fitted.values[both, :3])
+        apart = placed.apply(reported.values[both, :3]) - fitted.values[both, :3]
+        size = float(np.sqrt((apart**2).sum(axis=1).mean()))
+        limit = float(np.sqrt((fit.at.residual[fit.kept] ** 2).sum(axis=1).mean()))
+        if size > 0.5 * limit:
+            says = (
+                f"the reported parameters place the shots {size:.2g} mm from where the fit does: "
+                "look for a direction that the shots hardly determine, and measure more poses"
+            )
+            yield Finding(findings.NOT_REPRODUCED, says, "fail", {"mm": size})
 
     def _obstacle_of_positions(
         self, positions: Positions | None, unseen: UnseenPairs, residuals: ResidualTable
