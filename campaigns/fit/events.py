@@ -456,6 +456,8 @@ def _changes(fit: Fit) -> Iterator[Event]:
         if not isinstance(effect, Step):
             continue
         rows = np.flatnonzero(effect.covers(moments))
+        if not len(rows):  # a change that only other shots show
+            continue
         z, covariance = fit.at.x[where], fit.covariance[where, where]
         if effect.part == FRAME:  # a turn moves each point by another amount
             moves = fit.at.columns_of(effect, fit.observations)[rows].reshape(-1, len(z))
