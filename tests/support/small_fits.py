@@ -139,3 +139,19 @@ def log_marginal(fit, sizes=None):
     outside = np.linalg.svd(rows[:, size:])[0][:, rows.shape[1] - size :]
     covariance, data = outside.T @ covariance @ outside, outside.T @ data
     return -0.5 * (np.linalg.slogdet(covariance)[1] + data @ np.linalg.solve(covariance, data))
+
+
+def with_columns(fit, effect, columns=None):
+    """The fit with an effect more, at unknowns 0 of it, in the same linear model."""
+    columns = fit.at.columns_of(effect, fit.observations) if columns is None else columns
+    size = fit.model.size
+    jacobian = fit.at.jacobian
+    jacobian = np.concatenate([jacobian[..., :size], columns, jacobian[..., size:]], axis=2)
+    at = replace(fit.at, x=np.r_[fit.at.x, np.zeros(effect.count)], jacobian=jacobian)
+    model = fit.model.with_effects((*fit.model.effects, effect))
+    return replace(fit, model=model, at=at)
+
+
+def log_bayes_factor(fit, effect, sizes):
+    """Exact log Bayes factor of an effect whose groups have these sizes, in the linear model."""
+    return log_marginal(with_columns(fit, effect), {**fit.sizes, **sizes}) - log_marginal(fit)

@@ -4,13 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaigns.fit.posterior import Posterior, fit
 from fake_cell import CENTRE, NOMINAL
+from small_fits import drawn_fit, model_of, observed
 from small_plans import LIMITS
 
 from campaigns.design.pose_sampling import workspace_poses
 from campaigns.fit import uncertainty
+from campaigns.fit.effects import Lag, Layer, Walk
 from campaigns.fit.error_model import ErrorModel, Observations
+from campaigns.fit.fit import Fit, Prior, fit_model, integrate_sizes
 
 NAMES = ("upper_arm1_mm", "forearm1_mm", "scale", "motor1_deg", "motor2_deg")
 SHOTS, STD_MM = 40, 0.01
@@ -23,7 +25,7 @@ def rows_without(direction: np.ndarray, count: int = 50) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def posterior() -> Posterior:
+def posterior() -> Fit:
     random = np.random.default_rng(2)
     poses = workspace_poses(NOMINAL, LIMITS, CENTRE, SHOTS, random)
     joints = NOMINAL.inverse(poses).values
@@ -32,7 +34,7 @@ def posterior() -> Posterior:
     observations = replace(
         Observations.unmeasured(joints, poses), points=points, noise={"stated": noise}
     )
-    return fit(ErrorModel(NOMINAL), observations)
+    return fit_model(ErrorModel(NOMINAL), observations)
 
 
 def test_a_combination_that_moves_no_point_is_named_and_holds_nothing_of_the_covariance():
@@ -40,7 +42,7 @@ def test_a_combination_that_moves_no_point_is_named_and_holds_nothing_of_the_cov
     rows = rows_without(hidden)
     information = uncertainty.shot_information(rows, np.broadcast_to(np.eye(3), (50, 3, 3)))
     assert information == pytest.approx(np.einsum("nip,niq->pq", rows, rows))
-    null = uncertainty.null_directions_of(information, NAMES)
+    null = uncertainty.null_directions_of(information, NAMES, np.eye(5))
     assert null.names == (("forearm1_mm", "upper_arm1_mm"),)
     covariance = null.transform_covariance(np.diag([4.0, 1.0, 1.0, 2.0, 3.0]))
     assert hidden @ covariance @ hidden == pytest.approx(0.0, abs=1e-12)
@@ -51,9 +53,9 @@ def test_a_combination_that_moves_no_point_is_named_and_holds_nothing_of_the_cov
 def test_two_combinations_are_named_by_the_fewest_parameters_and_the_trackers_are_left_out():
     vectors = np.linalg.qr(np.array([[1.0, 1, 0, 0, 0], [0, 0, 0, 1, -1], [0, 0, 1, 0, 0]]).T)[0]
     turned = vectors @ np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
-    null = uncertainty.NullDirections.spanned_by(turned, NAMES)
+    null = uncertainty.NullDirections.spanned_by(turned, NAMES, np.eye(5))
     assert null.names == (("forearm1_mm", "upper_arm1_mm"), ("motor1_deg", "motor2_deg"))
-    assert uncertainty.NullDirections.spanned_by(np.zeros((5, 0)), NAMES).names == ()
+    assert uncertainty.NullDirections.spanned_by(np.zeros((5, 0)), NAMES, np.eye(5)).names == ()
 
 
 def test_what_is_left_without_the_frames_is_the_inverse_of_the_whole_inverse_block():
@@ -79,19 +81,136 @@ def test_sigma_of_positions_is_the_trace_of_their_covariance():
     assert uncertainty.position_std_mm(by, covariance) == pytest.approx(expected)
 
 
-def test_shares_of_the_budget_add_up_and_each_is_what_its_source_gives(posterior):
-    size = len(posterior.model.names)
-    by = np.random.default_rng(7).normal(size=(9, 3, size))
-    shares = uncertainty.budget(posterior, by)
-    std = uncertainty.position_std_mm(by, posterior.model_covariance)
+def position_columns(fit, count=9):
+    return np.random.default_rng(7).normal(size=(count, 3, fit.model.size))
+
+
+def test_the_datum_is_where_the_priors_like_it_best():
+    rng = np.random.default_rng(8)
+    root, z = rng.normal(size=(5, 5)), np.linalg.qr(rng.normal(size=(5, 2)))[0]
+    prior, x = root @ root.T, rng.normal(size=5)
+    null = uncertainty.NullDirections.spanned_by(z, NAMES, prior)
+    best = null.transform(x)
+    assert null.projector @ z == pytest.approx(np.zeros((5, 2)), abs=1e-10)
+    assert z.T @ prior @ best == pytest.approx(np.zeros(2), abs=1e-10)
+    assert null.transform(best) == pytest.approx(best)
+    moved = np.linalg.lstsq(z, x - best)[0]
+    assert x - z @ moved == pytest.approx(best)
+    covariance = np.diag(np.arange(1.0, 6.0))
+    assert null.transform_covariance(covariance) == pytest.approx(
+        null.projector @ covariance @ null.projector.T
+    )
+
+
+def test_a_direction_is_undetermined_where_three_hundred_tolerances_stay_within_the_noise():
+    information = np.diag([1.1 / 300.0**2, 0.9 / 300.0**2, 1.0, 1.0, 1.0])
+    null = uncertainty.null_directions_of(information, NAMES, np.eye(5))
+    assert null.names == (("forearm1_mm",),)
+    assert np.abs(null.vectors[:, 0]) == pytest.approx([0.0, 1.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("with_spread", [False, True])
+@pytest.mark.parametrize("with_former", [False, True])
+def test_shares_of_the_budget_add_up_with_weights_effects_spread_and_a_former_result(
+    with_spread, with_former
+):
+    good = np.r_[np.ones(17), 0.4, 0.0, 0.9]
+    count = drawn_fit().model.size
+    root = np.random.default_rng(9).normal(size=(count, count))
+    prior = Prior(np.zeros(count), root @ root.T + np.eye(count)) if with_former else Prior()
+    fit = drawn_fit(good=good, effects=(Lag(3), Walk(0)), prior=prior)
+    size = fit.model.size
+    if with_spread:
+        fit = replace(fit, spread=0.01 * np.eye(size + 6))
+    by = position_columns(fit)
+    shares = uncertainty.budget(fit, by)
+    std = uncertainty.position_std_mm(by, fit.covariance[:size, :size])
     assert sum(shares.values()) == pytest.approx((std**2).mean(), rel=1e-6)
-    part = posterior.components.factors["stated"] * posterior.noise["stated"]
-    weighted = posterior.weights @ posterior.at.jacobian
-    propagated = posterior.covariance @ np.einsum("nip,nij,njq->pq", weighted, part, weighted)
-    covariance = (propagated @ posterior.covariance)[:size, :size]
-    expected = (uncertainty.position_std_mm(by, covariance) ** 2).mean()
-    assert shares["stated"] == pytest.approx(expected, rel=1e-6)
+    sources = {"stated", "points", "joints", "lag", "stand"}
+    sources |= {"former"} if with_former else {"offsets", "axes", "sag", "scale"}
+    assert {*shares} == sources | ({"sizes"} if with_spread else set())
     assert all(share >= 0.0 for share in shares.values())
+    if with_spread:
+        assert shares["sizes"] == pytest.approx(0.01 * (by**2).sum() / len(by))
+
+
+def test_each_share_is_what_its_source_gives():
+    fit = drawn_fit(good=np.r_[np.ones(18), 0.4, 0.9], effects=(Lag(3),))
+    fit = replace(fit, sizes={**fit.sizes, "axes": 0.5, "lag": 3.0})
+    size, by = fit.model.size, position_columns(fit)
+    shares = uncertainty.budget(fit, by)
+    rows = np.sqrt(fit.good)[:, None, None] * (fit.inverse_noise @ fit.at.jacobian)
+
+    def share(middle):
+        covariance = (fit.inverse @ middle @ fit.inverse)[:size, :size]
+        return (uncertainty.position_std_mm(by, covariance) ** 2).mean()
+
+    for part in ("stated", "points", "joints"):
+        noise = fit.factors[part] * fit.noise[part]
+        assert shares[part] == pytest.approx(
+            share(np.einsum("nip,nij,njq->pq", rows, noise, rows)), rel=1e-6
+        )
+    precisions = {"offsets": 1.0, "axes": 4.0, "scale": 1.0, "lag": 1.0 / 9.0}
+    groups = [*fit.model.groups, *["lag"] * 3, *[""] * 6]
+    for group, precision in precisions.items():
+        of_group = np.diag([precision * (member == group) for member in groups])
+        assert shares[group] == pytest.approx(share(of_group), rel=1e-6)
+
+
+def test_a_known_length_determines_the_scale():
+    fit = drawn_fit()
+    jacobian = fit.at.jacobian.copy()
+    place = fit.model.names.index("scale")
+    jacobian[..., place] = 0.0
+    fit = replace(fit, at=replace(fit.at, jacobian=jacobian))
+    null = uncertainty.null_directions(fit)
+    assert np.abs(null.vectors[:, 0]) == pytest.approx(np.eye(len(fit.model.names))[place])
+    assert null.names == ()
+    known = replace(fit, prior=Prior(lengths={"scale": (0.0, fit.model.tolerance[place])}))
+    assert uncertainty.null_directions(known).vectors.shape[1] == 0
+
+
+def test_effects_are_no_part_of_the_datum():
+    fit = drawn_fit(effects=(Lag(3),))
+    jacobian = fit.at.jacobian.copy()
+    size = len(fit.model.names)
+    jacobian[..., size : size + 3] = jacobian[..., :3]
+    jacobian[..., 4] = jacobian[..., -1]
+    null = uncertainty.null_directions(replace(fit, at=replace(fit.at, jacobian=jacobian)))
+    assert np.abs(null.vectors) == pytest.approx(np.eye(size)[:, 4:5], abs=1e-6)
+    assert null.prior == pytest.approx(fit.precision[:size, :size])
+
+
+def test_between_the_shots_a_layer_adds_the_variance_that_no_shot_determines():
+    model = model_of("delta", "offsets")
+    observations = observed(model, 15)
+    angles = tuple(joint[:, None] for joint in observations.joints.T)
+    place = Layer.over("place", (observations.near[:, :2],), 60.0, 0.02)
+    arms = Layer.over("arms", angles, 0.2, 1e-4)
+    fit = fit_model(model.with_effects((Lag(3), place, arms)), observations)
+    names = [name for name, _ in place.sizes_of]
+    fit = replace(
+        fit, sizes={**fit.sizes, names[0]: 1.0, names[1]: 2.0, names[2]: 3.0, arms.name: 5.0}
+    )
+    new = observed(model, 4, seed=8)
+    at = fit.model.predict(fit.at.x, fit.at.frames, new, new.near)
+    covariance = uncertainty.unseen_covariances(fit, at.by_moves, new)
+    share, of_arms = place.unseen_share(new)[:, 0], arms.unseen_share(new)
+    for row in range(4):
+        turn = at.by_moves["point"][row] * [0.02, 0.04, 0.06]
+        joints = at.by_joint[row] * 5e-4
+        expected = share[row] * turn @ turn.T + joints * of_arms[row] @ joints.T
+        assert covariance[row] == pytest.approx(expected)
+    assert not uncertainty.unseen_covariances(replace(fit, model=model), at.by_moves, new).any()
+
+
+def test_the_budget_of_a_robot_adds_up_with_what_its_sizes_may_be(posterior):
+    fit = integrate_sizes(posterior)
+    by = position_columns(fit)
+    shares = uncertainty.budget(fit, by)
+    std = uncertainty.position_std_mm(by, fit.model_covariance)
+    assert sum(shares.values()) == pytest.approx((std**2).mean(), rel=1e-6)
+    assert shares["sizes"] > 0.0
 
 
 def test_only_the_robots_place_in_its_base_is_undetermined_by_good_shots(posterior):

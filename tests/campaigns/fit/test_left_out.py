@@ -1,0 +1,60 @@
+"""Patterns of shots that were left out: none of random ones, a series in time, a region."""
+
+import numpy as np
+import pytest
+
+from campaigns.fit.left_out import pattern_of
+
+COUNT = 60
+
+
+def positions(seed=1):
+    return np.random.default_rng(seed).uniform(-200.0, 200.0, (COUNT, 3))
+
+
+def pattern(rows, seed=1, places=None):
+    kept = np.ones(COUNT, dtype=bool)
+    kept[rows] = False
+    places = positions(seed) if places is None else places
+    return pattern_of(kept, places, np.random.default_rng(5))
+
+
+@pytest.mark.parametrize("count", [2, 4, 9])
+def test_random_shots_have_no_pattern(count):
+    rng = np.random.default_rng(count)
+    patterns = [pattern(rng.permutation(COUNT)[:count], seed) for seed in range(20)]
+    assert sum(p is not None for p in patterns) <= 2
+
+
+@pytest.mark.parametrize("rows", [[20, 21, 22, 23, 24], [3, 4, 5, 6, 40], [50, 51, 53, 54, 56]])
+def test_shots_one_after_another_are_a_series(rows):
+    assert pattern(rows) == "series"
+
+
+def test_neighbours_in_space_at_any_time_are_a_region():
+    places = positions()
+    near = np.argsort(np.linalg.norm(places - [150.0, 150.0, 0.0], axis=1))[:6]
+    assert pattern(near) == "region"
+
+
+def test_pairs_that_lie_close_are_a_region_though_the_pairs_lie_apart():
+    places = positions()
+    for first, second in ((5, 31), (17, 44), (25, 52), (9, 39)):
+        places[second] = places[first] + 1.0
+    assert pattern([5, 31, 17, 44, 25, 52, 9, 39], places=places) == "region"
+
+
+def test_time_is_asked_first():
+    places = positions()
+    places[20:25] = places[20] + np.arange(5.0)[:, None]
+    assert pattern([20, 21, 22, 23, 24], places=places) == "series"
+
+
+def test_one_shot_or_none_has_no_pattern():
+    assert pattern([7]) is None
+    assert pattern([]) is None
+
+
+def test_two_neighbours_in_time_may_be_chance():
+    # of 60 shots 59 pairs of 1770 are neighbours: 3.3 %
+    assert pattern([30, 31]) is None
