@@ -430,6 +430,22 @@ def test_a_robot_of_large_errors_comes_back_with_its_sigma(name):
     assert (fit.at.residual**2).mean() ** 0.5 < 1.1 * STATED_MM
 
 
+def test_a_step_too_far_is_shortened():
+    """Parts 30 mm and 30° off: full steps overshoot, and need more rounds."""
+    model = model_of("linear-delta", *ROBOT)
+    x = 6.0 * np.random.default_rng(3).standard_normal(len(model.names))
+    fit = fit_model(model, observed(model, 30, seed=3, x=x))
+    assert fit.has_converged
+    assert fit.rounds <= 10
+
+
+def test_degrees_of_freedom_are_the_coordinates_less_those_that_unknowns_use_up():
+    fit = drawn_fit(good=WEIGHTS)
+    rows, _, covariance = dense(fit)
+    hat = rows @ fit.inverse @ rows.T @ np.linalg.inv(covariance)
+    assert fit.freedom == pytest.approx(3.0 * WEIGHTS.sum() - np.trace(hat))
+
+
 def test_a_shot_without_assembly_has_no_influence():
     model = model_of("delta", *ROBOT)
     observations = observed(model, 21)
