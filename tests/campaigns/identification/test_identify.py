@@ -185,15 +185,15 @@ def test_options_hold_parameters_and_change_tolerances(clean):
 
 
 def test_a_known_length_measures_the_scale_unless_it_is_held(clean):
-    shots, bar = clean[0].shots, KnownLengthConfig(name="bar", length_mm=500.0, std_mm=0.01)
+    shots, bar = clean[0].shots, KnownLengthConfig(name="bar", length_mm=5000.0, std_mm=0.01)
     first, second = shots.whole_pairs(ShotSet.VALIDATION).rows[0].tolist()
     purposes, points = list(shots.purposes), shots.points_in_tracker_mm.copy()
     purposes[first] = purposes[second] = ShotSet.KNOWN_LENGTH
-    points[second] = points[first] + [0.0, 0.0, 500.0 * (1.0 + 1e-4)]
+    points[second] = points[first] + [0.0, 0.0, 5000.0 * (1.0 + 1e-4)]
     shots = replace(shots, purposes=tuple(purposes), points_in_tracker_mm=points)
     campaign = replace(clean[0], shots=shots)
     scale_ppm, std_ppm = identified(campaign, known_lengths=(bar,)).tracker["scale"]
-    assert std_ppm < 45.0
+    assert std_ppm < 5.0
     assert scale_ppm == pytest.approx(100.0, abs=3.0 * std_ppm)
     held = identified(campaign, known_lengths=(bar,), fix=("scale",))
     assert "scale" not in held.tracker
