@@ -53,6 +53,7 @@ def effects_of(name):
     return model.with_effects(effects), observations
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["delta", "linear-delta"])
 def test_derivatives_by_all_unknowns_are_those_by_differences(name):
     model, observations = effects_of(name)
@@ -101,6 +102,17 @@ def test_a_changed_part_is_the_robot_with_that_parameter_changed(part):
     assert {model.names[p].rsplit("_", 1)[0] for p in step.places} == expected
     usual = np.radians(0.1) if part == "encoder 1" else 0.2
     assert np.array(step.usual) * model.tolerance[list(step.places)] == pytest.approx(usual)
+
+
+def test_arms_of_a_ripple_are_zero_where_they_have_none_and_rates_are_named():
+    observations = observed(model_of("delta", "offsets"), 6)
+    ripple = Ripple((2,), 40.0, 0.5, 1e-4, -3.0)
+    basis = ripple.basis(observations)
+    assert basis.shape == (6, 3, 3)
+    assert not basis[:, :2].any()
+    expected = 1e-4 * np.sin(40.0 * observations.joints[:, 2])
+    assert basis[:, 2, 0] == pytest.approx(expected)
+    assert ripple.name == "ripple of 2 near 80"
 
 
 def test_a_bump_of_the_frame_turns_and_shifts_the_points_behind_it():

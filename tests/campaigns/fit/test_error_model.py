@@ -145,7 +145,8 @@ def test_poses_that_are_not_measured_yet_are_of_today_and_without_noise():
     planned = Observations.unmeasured(joints, poses)
     assert np.array_equal(planned.points, poses[:, :3])
     assert (planned.moment == np.inf).all()
-    assert not planned.frame.any() and not planned.time.any() and not planned.warmth.any()
+    for column in (planned.frame, planned.time, planned.warmth):
+        assert not column.any()
     assert (planned.former is joints, planned.noise) == (True, {})
     assert not planned.approach.any()
     assert Observations.unmeasured(joints, poses, -joints).approach.min() == -1.0
@@ -228,7 +229,10 @@ def test_warm_parts_grow_by_the_degrees_of_each_shot():
 def test_each_session_has_a_frame_and_columns_of_its_own():
     model = model_of("delta", "offsets")
     observations = observed(model, 10, sessions=2)
-    frames = (FRAME, Transform(FRAME.rotation, FRAME.translation_mm + [100.0, -50.0, 20.0]))
+    frames = (
+        FRAME,
+        Transform(FRAME.rotation, FRAME.translation_mm + np.array([100.0, -50.0, 20.0])),
+    )
     at = model.predict(np.zeros(model.size), frames, observations, observations.near)
     assert np.abs(at.residual).max() < 0.1
     of_frames = at.jacobian[..., model.size :]

@@ -7,8 +7,7 @@ import pytest
 from small_fits import STATED_MM, log_bayes_factor, model_of, observed, with_columns, with_points
 
 from campaigns.fit import events
-from campaigns.fit.effects import ENCODER_RAD, STEP_MM, Lag, Ripple, Step, Walk
-from campaigns.fit.error_sources import ARCSEC
+from campaigns.fit.effects import ENCODER_RAD, STEP_MM, Lag, Step, Walk
 from campaigns.fit.fit import Prior, fit_model, log_evidence
 
 GROUPS = ("offsets", "lengths", "axes", "sag")
@@ -94,35 +93,6 @@ def test_a_change_that_all_shots_show_and_a_lag_have_their_exact_factors_too(noi
     assert since_prior["arm 1"] == pytest.approx(expected, abs=1e-4)
 
 
-def test_the_scan_over_periods_has_the_exact_factors_of_waves_in_all_arms_and_in_each(noisy):
-    result = events.scan_periods(noisy)
-    assert result.rates[0] == 6.0
-    assert result.rates[-1] < 250.0
-    step = np.diff(result.rates)
-    assert step == pytest.approx(0.5 * np.pi / np.ptp(noisy.observations.joints, axis=0).max())
-    for row in (0, 40):
-        exact = []
-        for arms in ((0, 1, 2), (0,), (1,), (2,)):
-            ripple = Ripple(arms, float(result.rates[row]), 0.1, 20 * ARCSEC, 0.0)
-            exact.append(log_bayes_factor(noisy, ripple, {ripple.name: 1.0}))
-        assert result.log_factors[row] == pytest.approx(exact, abs=1e-4)
-
-
-def test_the_mean_over_periods_gives_half_to_all_arms_and_half_to_single_ones():
-    factors = np.log([[1.0, 2.0, 4.0, 6.0], [3.0, 4.0, 8.0, 12.0]])
-    scan = events.PeriodScan(np.array([1.0, 2.0]), factors)
-    assert scan.log_mean == pytest.approx(np.log(0.5 * 2.0 + 0.5 * (3.0 + 6.0 + 9.0) / 3.0))
-
-
-def test_usual_ripples_of_rails_are_lengths():
-    assert events.ripple_tolerance(model_of("linear-delta", "offsets")) == 0.02
-    assert events.ripple_tolerance(MODEL) == 20 * ARCSEC
-    rails = model_of("linear-delta", "offsets", "lengths")
-    rates = events.scan_periods(fit_model(rails, observed(rails, 12))).rates
-    assert 2.0 * np.pi / rates[0] == pytest.approx(80.0)
-    assert 3.0 < 2.0 * np.pi / rates[-1] < 3.1
-
-
 def test_parts_within_four_of_the_best_are_named_the_best_first():
     evidence = {"arm 0": 3.0, "encoder 1": 10.0, "mount 2": 6.1, "frame": 6.0}
     assert events.likely_parts(evidence) == ("encoder 1", "mount 2")
@@ -138,6 +108,7 @@ def test_nothing_happened_to_a_robot_that_did_not_change():
         assert events.events_of(fit) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("arm", "since", "mrad"), [(1, 22, 1.0), (0, 3, -2.0), (2, 37, 2.0)])
 def test_a_moved_encoder_is_one_event_with_its_part_shots_and_size(arm, since, mrad):
     change = encoder_moved(arm, since, 1e-3 * mrad)
@@ -208,6 +179,17 @@ def test_a_superfluous_change_is_taken_out_and_a_needed_one_stays():
     assert log_evidence(simpler) > log_evidence(fit)
 
 
+def test_a_change_of_another_part_nearby_is_kept_beside_the_new_one():
+    of_arm = encoder_moved(0, 21, 1e-3)
+    of_both = encoder_moved(1, 20, 1e-3)
+    observations = observed(MODEL, 40, change=lambda row, x, q: of_arm(row, *of_both(row, x, q)))
+    first = fit_model(
+        MODEL.with_effects((step_of("encoder 1", 20.0, log_odds=-11.0),)), observations
+    )
+    steps = events.steps_of(events.add_steps(first))
+    assert [(step.part, step.since) for step in steps] == [("encoder 1", 20.0), ("encoder 0", 21.0)]
+
+
 def test_a_change_found_beside_its_shot_is_moved_and_not_doubled():
     observations = observed(MODEL, 40, change=encoder_moved(1, 20, 1e-3))
     beside = fit_model(
@@ -217,6 +199,7 @@ def test_a_change_found_beside_its_shot_is_moved_and_not_doubled():
     assert (step.part, step.since) == ("encoder 1", 20.0)
 
 
+@pytest.mark.slow
 def test_two_changes_of_one_part_are_two_events():
     first, second = encoder_moved(1, 12, 1e-3), encoder_moved(1, 28, 2e-3)
     observations = observed(MODEL, 40, change=lambda row, x, q: second(row, *first(row, x, q)))
@@ -228,6 +211,7 @@ def test_two_changes_of_one_part_are_two_events():
     assert [event.size for event in found] == pytest.approx([1e-3, 2e-3], abs=3e-4)
 
 
+@pytest.mark.slow
 def test_the_changes_of_all_shots_are_given_to_the_fit_of_some():
     observations = observed(MODEL, 40, change=encoder_moved(1, 20, 1e-3))
     whole = events.explain(STAND, observations)
@@ -240,30 +224,6 @@ def test_the_changes_of_all_shots_are_given_to_the_fit_of_some():
     assert events.with_steps_of(part, part) is part
     again = events.with_steps_of(part, with_steps)
     assert events.steps_of(again) == ()
-
-
-def test_a_ripple_of_one_arm_is_found_with_its_rate_and_amplitude():
-    observations = observed(MODEL, 60)
-    joints = observations.joints.copy()
-    joints[:, 1] -= 5e-4 * np.sin(100.0 * joints[:, 1])
-    fit = events.explain(STAND, replace(observations, joints=joints))
-    (ripple,) = (effect for effect in fit.model.effects if isinstance(effect, Ripple))
-    assert ripple.arms == (1,)
-    assert ripple.rate == pytest.approx(100.0, abs=0.3)
-    assert ripple.usual * np.hypot(*ripple.amplitudes) == pytest.approx(5e-4, rel=0.2)
-    rates = events.scan_periods(fit).rates
-    assert ripple.log_odds == pytest.approx(-np.log(2.0 * 3.0 * len(rates)))
-    assert events.events_of(fit) == ()
-
-
-def test_a_ripple_of_all_arms_is_one_ripple():
-    observations = observed(MODEL, 60)
-    joints = observations.joints - 3e-4 * np.cos(60.0 * observations.joints)
-    fit = events.explain(STAND, replace(observations, joints=joints))
-    ripples = [effect for effect in fit.model.effects if isinstance(effect, Ripple)]
-    assert [ripple.arms for ripple in ripples] == [(0, 1, 2)]
-    assert ripples[0].rate == pytest.approx(60.0, abs=0.3)
-    assert ripples[0].log_odds == pytest.approx(-np.log(2.0 * len(events.scan_periods(fit).rates)))
 
 
 def test_joints_read_too_early_are_a_lag():

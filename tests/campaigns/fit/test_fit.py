@@ -431,12 +431,21 @@ def test_a_robot_of_large_errors_comes_back_with_its_sigma(name):
 
 
 def test_a_step_too_far_is_shortened():
-    """Parts 30 mm and 30° off: full steps overshoot, and need more rounds."""
-    model = model_of("linear-delta", *ROBOT)
-    x = 6.0 * np.random.default_rng(3).standard_normal(len(model.names))
-    fit = fit_model(model, observed(model, 30, seed=3, x=x))
+    """Parts 40 mm and angles far off: full steps raise χ² and lead nowhere."""
+    model = model_of("linear-delta", "offsets", "lengths", "axes", "bars")
+    x = 8.0 * np.random.default_rng(3).standard_normal(len(model.names))
+    fit = fit_model(model, observed(model, 16, seed=3, x=x))
     assert fit.has_converged
-    assert fit.rounds <= 10
+    assert fit.rounds < 20
+
+
+def test_steps_that_overshoot_to_and_fro_come_to_an_end():
+    """Tilts times places on the plate: whole steps of this robot never settle."""
+    model = model_of("delta")
+    x = np.random.default_rng(2).standard_normal(len(model.names))
+    fit = fit_model(model, observed(model, 30, seed=2, x=x))
+    assert fit.has_converged
+    assert fit.rounds < 20
 
 
 def test_degrees_of_freedom_are_the_coordinates_less_those_that_unknowns_use_up():
@@ -534,7 +543,7 @@ def test_walks_of_two_sessions_share_a_name_and_keep_their_own_values():
     assert np.abs(second).max() > 3.0 * np.abs(first).max()
     again = refit(start)
     assert again.rounds <= 4
-    assert again.at.x[again.model.effect_places[1]] == pytest.approx(second, rel=0.02, abs=0.05)
+    assert again.at.x[again.model.effect_places[1]] == pytest.approx(second, rel=0.05, abs=0.1)
 
 
 def test_a_refit_to_other_shots_starts_in_the_frames_and_noise_of_the_fit():

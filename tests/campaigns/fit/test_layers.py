@@ -1,4 +1,4 @@
-"""Layers: Bayes factors against dense matrices; a bent error is proposed, a clean robot has none."""
+"""Layers: factors against dense matrices; a bent error is proposed, a clean robot has none."""
 
 from dataclasses import replace
 
@@ -58,6 +58,21 @@ def test_a_direction_that_the_score_does_not_dismiss_has_its_exact_factor(kinked
     assert value < surest.sum() + np.log1p(np.exp(exact[exact <= 3.0])).sum() + 0.1
 
 
+def test_a_direction_is_dismissed_below_two_standard_deviations_of_its_score():
+    """The score (Σ u² - Σ g) / 2 has the standard deviation √(½ Σ g²), by drawing clean robots."""
+    rng = np.random.default_rng(6)
+    fit = fit_model(MODEL, observed(MODEL, 20, seed=3))
+    layer = layers.candidate_layers(fit)[2]
+    kept = 0
+    for _ in range(60):
+        noise = np.linalg.cholesky(fit.total_noise) @ rng.normal(size=(20, 3, 1))
+        drawn = replace(fit, at=replace(fit.at, x=0.0 * fit.at.x, residual=noise[..., 0]))
+        value = layers.log_factors(drawn, [layer])[0] + 3.0 * np.log(2.0)
+        kept += value > 1e-9
+    # of three directions each about 4 % beyond two standard deviations
+    assert 1 <= kept <= 16
+
+
 def test_a_layer_of_a_clean_robot_is_dismissed_by_its_score():
     fit = fit_model(MODEL, observed(MODEL, 40, seed=3))
     values = layers.log_factors(fit, layers.candidate_layers(fit))
@@ -93,7 +108,7 @@ def test_an_error_of_an_arms_angle_is_a_layer_of_the_arms():
     middle = np.median(joints[:, 1])
     joints[:, 1] += 2e-3 * np.abs(joints[:, 1] - middle)
     fit = fit_model(MODEL, replace(observations, joints=joints))
-    assert [layer.kind for layer in layers.likely_layers(fit)][0] == "arms"
+    assert next(layers.likely_layers(fit)).kind == "arms"
 
 
 def test_candidates_have_three_lengths_of_each_set_of_coordinates_and_of_the_angles():

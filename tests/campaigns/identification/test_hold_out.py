@@ -1,4 +1,4 @@
-"""Hold-out pairs: their distances' errors and covariance by explicit sums, and what is not counted."""
+"""Hold-out pairs: errors and covariance of distances by sums, and what is not counted."""
 
 from dataclasses import replace
 
