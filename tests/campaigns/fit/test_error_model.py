@@ -166,6 +166,7 @@ def test_a_tolerance_by_name_precedes_one_by_group_and_that_the_table():
     plain = tolerance["arm0.arm_mm"]
     assert plain == tolerance_of(nominal.mechanism.parameters["arm0.arm_mm"]) == 5.0
     assert model.names.index(name) not in model.learned["axes"]
+    assert model.learned[f"tolerance of {name}"].tolist() == [model.names.index(name)]
     assert len(model.learned["axes"]) == 2
     in_file = dict(zip(model.names, model.file_tolerance, strict=True))
     assert in_file["arm0.axis_tilt_deg"] == pytest.approx(0.003 / DEG)

@@ -61,6 +61,8 @@ def test_a_ripple_of_one_arm_is_found_with_its_rate_and_amplitude():
     (ripple,) = (effect for effect in fit.model.effects if isinstance(effect, Ripple))
     assert ripple.arms == (1,)
     assert ripple.rate == pytest.approx(100.0, abs=0.3)
+    step = np.diff(periods.scan_periods(fit).rates)[0]
+    assert ripple.rate_std == pytest.approx(step)
     assert ripple.usual * np.hypot(*ripple.amplitudes) == pytest.approx(5e-4, rel=0.2)
     rates = periods.scan_periods(fit).rates
     assert ripple.log_odds == pytest.approx(-np.log(2.0 * 3.0 * len(rates)))
@@ -103,6 +105,17 @@ def test_periods_that_were_found_become_the_robots_own_with_amplitudes_and_a_rat
     assert periods.with_periods_of_robot(own).model.nominal.mechanism.rates[1] == pytest.approx(
         rates[1], rel=1e-3
     )
+
+
+def test_a_robot_without_ripples_has_no_likely_one_and_a_likely_one_is_on_the_peak():
+    clean = fit_model(STAND, observed(MODEL, 40))
+    assert not any(periods.likely_ripples(clean))
+    fit = fit_model(STAND, rippled((0,), 2e-4, 55.5))
+    (ripple,) = periods.likely_ripples(fit)
+    assert ripple.arms == (0,)
+    assert ripple.rate == pytest.approx(55.5, abs=0.35 * ripple.rate_std)
+    assert ripple.usual == 20 * ARCSEC
+    assert ripple.amplitudes == ()
 
 
 def test_a_fit_without_periods_stays_as_it_is(noisy):
