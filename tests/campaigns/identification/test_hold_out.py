@@ -162,6 +162,33 @@ def test_errors_got_worse_only_beyond_chance():
     assert not grown([0.1, 0.1], [0.1, 0.1]).got_worse
 
 
+def test_growth_counts_beyond_the_limit_of_students_t():
+    rng = np.random.default_rng(1)
+    deviation = rng.standard_normal(16)
+    deviation = (deviation - deviation.mean()) / deviation.std(ddof=1)
+    limit = scipy.stats.t(15).ppf(0.975) / 4.0
+    for share, is_worse in ((1.03, True), (0.97, False)):
+        growth = share * limit + deviation
+        before = np.full(16, 3.0)
+        assert grown(before, np.sqrt(before**2 + growth)).got_worse == is_worse
+
+
+def test_limits_are_met_where_the_mean_and_the_largest_error_with_u_are_below(judged):
+    pairs = judged.judge()
+    reach, after = pairs.test.reach_mm, np.abs(pairs.errors.after[:, 0])
+    assert reach["max"] > after.max()
+    assert reach["mean"] > np.abs(pairs.errors.after.mean())
+    assert reach["max"] < after.max() + 0.2
+    assert pairs.test.meets({"mean": 1.01 * reach["mean"], "max": 1.01 * reach["max"]})
+    assert not pairs.test.meets({"mean": 1.01 * reach["mean"], "max": 0.99 * reach["max"]})
+    assert not pairs.test.meets({"mean": 0.99 * reach["mean"], "max": 1.01 * reach["max"]})
+    off = judged.identified.values.copy()
+    off[:, :3] *= 1.001
+    larger = judged.judge(identified=replace(judged.identified, values=off))
+    growth = np.abs(larger.errors.after).max() - after.max()
+    assert larger.test.reach_mm["max"] - reach["max"] == pytest.approx(growth, rel=0.05)
+
+
 def test_errors_of_distances_are_modelled_less_measured(judged):
     rows, near = np.array([[0, 3], [5, 1]]), judged.at_nominal.values
     table = distance_errors(judged.shots, rows, near, 2.0 * near)
