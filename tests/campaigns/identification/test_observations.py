@@ -138,6 +138,9 @@ def test_sessions_of_fewer_than_four_shots_place_no_frame(shots):
     assert fitted_sessions(two, four, OPTIONS).tolist() == [0]
     with pytest.raises(ShotsMissing, match="there are 3 shots"):
         fitted_sessions(two, every & (np.arange(16) < 3), OPTIONS)
+    alone = replace(shots, session=np.full(16, 3))
+    with pytest.raises(ShotsMissing, match="there are 3 shots"):
+        fitted_sessions(alone, every & (np.arange(16) < 3), by_session)
     with pytest.raises(ShotsMissing, match="there are 0 shots"):
         fitted_sessions(shots.of_set(ShotSet.VALIDATION), every[:4], OPTIONS)
 
