@@ -7,8 +7,9 @@ import pytest
 import scipy
 from rod_campaigns import rod_campaign
 
+from campaigns.fit.effects import Layer
 from campaigns.fit.error_model import Observations
-from campaigns.fit.fit import fit_model, noise_parts
+from campaigns.fit.fit import fit_model, noise_parts, refit
 from campaigns.identification.findings import HoldOut
 from campaigns.identification.hold_out import UnseenPairs, distance_errors, unseen_pairs
 from campaigns.identification.observations import error_model, observations_of
@@ -113,6 +114,16 @@ def test_real_errors_beyond_the_stated_ones_widen_sigma_by_their_ratio(judged):
     assert HoldOut(6, 6.0, 0.5, 3.0).applied_ratio == 1.0
 
 
+def test_what_a_layer_may_be_between_the_shots_makes_pairs_less_sure(judged):
+    fit, angles = judged.fit, tuple(joint[:, None] for joint in judged.fit.observations.joints.T)
+    layer = Layer.over("arms", angles, 0.02, 1e-4)
+    with_layer = refit(fit, fit.model.with_effects((layer,)))
+    held = replace(with_layer, sizes={**with_layer.sizes, layer.name: 1e-6})
+    wide = replace(held, sizes={**held.sizes, layer.name: 10.0})
+    ratios = [judged.judge(fit=changed).test.ratio for changed in (held, wide)]
+    assert ratios[1] < 0.5 * ratios[0]
+
+
 def test_pairs_with_a_wrong_shot_or_of_two_frames_or_none_are_not_counted(judged):
     wrong = judged.judge(left_out=[SHOTS + 3])
     assert wrong.rows[:, 0].tolist() == [SHOTS, *range(SHOTS + 4, SHOTS + 2 * PAIRS, 2)]
@@ -159,6 +170,8 @@ def test_errors_got_worse_only_beyond_chance():
     assert not grown([0.2, 0.22, 0.21, 0.2], [0.1, 0.12, 0.11, 0.1]).got_worse
     assert not grown([0.1, 0.2, 0.1, 0.2], [0.2, 0.1, 0.21, 0.1]).got_worse
     assert grown([0.1, 0.1], [0.2, 0.1]).got_worse
+    # of three pairs the scatter is known, and a mean within it is chance
+    assert not grown([0.1, 0.1, 0.1], [0.3, 0.1, 0.09]).got_worse
     assert not grown([0.1, 0.1], [0.1, 0.1]).got_worse
 
 
