@@ -126,6 +126,20 @@ def test_a_moved_encoder_is_one_event_with_its_part_shots_and_size(arm, since, m
     assert step.log_odds == pytest.approx(np.log(0.01 / (spans + intervals)), abs=0.2)
 
 
+def test_a_changed_forearm_has_its_size_in_mm():
+    place = place_of("arm1.forearm_mm")
+
+    def change(row, x, joints):
+        moved = x.copy()
+        moved[place] += 0.3 / MODEL.tolerance[place] * (row >= 18)
+        return moved, joints
+
+    (event,) = events.events_of(events.explain(STAND, observed(MODEL, 40, change=change)))
+    assert (event.first, event.parts[0]) == (18, "forearm 1")
+    assert event.size == pytest.approx(0.3, abs=3.0 * event.std)
+    assert event.std < 0.05
+
+
 def test_a_bump_that_was_put_right_is_an_interval_of_the_frame_with_the_motion_of_its_points():
     observations = shifted(observed(MODEL, 40), slice(12, 25), [0.15, -0.1, 0.0])
     (event,) = events.events_of(events.explain(STAND, observations))
