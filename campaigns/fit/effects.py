@@ -148,7 +148,7 @@ class Step(Effect):
 
 
 # A random walk less its mean is Σ z_k √2 cos(kπt) / (kπ) with z_k ~ N(0, 1) (Karhunen-Loève). Four
-# modes hold 92 % of its variance; what is faster is scatter or a step.
+# modes hold 87 % of its variance; what is faster is scatter or a step.
 @dataclass(frozen=True, slots=True)
 class Walk(Effect):
     """Slow motion of the tracker's stand, or of the robot's base, during a session."""

@@ -152,7 +152,14 @@ def _with_effects(fit: Fit, hypotheses: Callable[[Fit], Iterable[tuple[Effect, .
 
 def _fit_with(fit: Fit, effects: tuple[Effect, ...]) -> tuple[Fit, float] | None:
     """Return the fit with these effects and its evidence; None if it is no number."""
-    result = refit(fit, fit.model.with_effects(effects))
+    # Shots of a change that is new were wrong without it: they begin with their whole weight, or
+    # the change would have no shots to be estimated from.
+    present, good = {effect.name for effect in fit.model.effects}, fit.good
+    for effect in effects:
+        if isinstance(effect, Step) and effect.name not in present:
+            covered = effect.covers(fit.observations.moment) & fit.usable
+            good = np.where(covered, 1.0, good)
+    result = refit(replace(fit, good=good), fit.model.with_effects(effects))
     for _ in range(2):  # the rate of a ripple enters by a column: linearise it again
         tuned = _retuned(result)
         if tuned is result.model.effects:
@@ -205,6 +212,9 @@ def _changed(fit: Fit) -> Iterator[tuple[Effect, ...]]:
         if step is not None:
             proposed.setdefault((step.part, step.since, step.until), step)
     present = {(step.part, step.since, step.until) for step in steps_of(fit)}
+    for step in steps_of(fit):
+        for moved in _widened(fit, step):
+            yield tuple(moved if effect is step else effect for effect in effects)
     for key, step in proposed.items():
         if key in present:
             continue
@@ -212,6 +222,23 @@ def _changed(fit: Fit) -> Iterator[tuple[Effect, ...]]:
         yield (*others, step)
         if len(others) < len(effects):
             yield (*effects, step)
+
+
+def _widened(fit: Fit, step: Step) -> Iterator[Step]:
+    """Yield a change with the shots left out just before it or behind it as its own."""
+    moments = fit.observations.moment
+    rows, wrong = np.flatnonzero(step.covers(moments)), fit.usable & ~fit.kept
+    if not len(rows):
+        return
+    first, last = int(rows[0]), int(rows[-1])
+    while first > FEWEST_SHOTS and wrong[first - 1]:
+        first -= 1
+    while last + 1 < len(wrong) and wrong[last + 1]:
+        last += 1
+    if first < rows[0]:
+        yield replace(step, since=float(moments[first]))
+    if last > rows[-1]:
+        yield replace(step, until=float(moments[last]) + 0.5)
 
 
 def _changed_since_prior(fit: Fit) -> Iterator[tuple[Effect, ...]]:

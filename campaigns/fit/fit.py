@@ -205,7 +205,9 @@ class Fit:
     def groups(self) -> dict[str, Index]:
         """Places of the unknowns of each group whose size is learned."""
         # a former result replaces the tolerances, and with them the sizes of the table's groups
-        replaced = self.model.learned if self.prior.precision is not None else {}
+        # and a known length the tolerance of the tracker's source that it measured
+        replaced = {*self.model.learned} if self.prior.precision is not None else set()
+        replaced |= {BY_NAME + source for source in self.prior.lengths}
         return {g: places for g, places in self.model.sized_groups.items() if g not in replaced}
 
     def precision_with(self, sizes: Mapping[str, float]) -> Array:
