@@ -85,8 +85,12 @@ def parameter_errors(result: Any, robot: RobotFile, known: dict[str, float]) -> 
     true = np.zeros(len(posterior.names))
     true[: len(names)] = [known.get(name, nominal[name]) - nominal[name] for name in names]
     true *= units / tolerance
-    null = np.array(posterior.undetermined).reshape(-1, len(true))
-    true = (true - null.T @ (null @ true)) * tolerance / units
+    # what no shot determines is where the priors like it best: the truth, too, is put there
+    null = np.array(posterior.undetermined).reshape(-1, len(true)).T
+    groups = [table[n].field.group if n in result.parameters else n for n in posterior.names]
+    precision = np.array([posterior.sizes.get(group, 1.0) for group in groups])[:, None] ** -2
+    shares = np.linalg.solve(null.T @ (precision * null), (precision * null).T @ true)
+    true = (true - null @ shares) * tolerance / units
     rows = zip(names, true.tolist(), strict=False)
     fitted = ((result.parameters[name], value) for name, value in rows)
     return max((abs(p.delta - value) / p.std for p, value in fitted if p.std), default=0.0)
