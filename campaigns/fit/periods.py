@@ -115,10 +115,11 @@ def with_periods_of_robot(fit: Fit) -> Fit:
 
 def _as_rate_errors(fit: Fit) -> Iterator[Effect]:
     """Yield the effects, those periods that can be the robot's own as errors of their rates."""
-    stated = fit.model.nominal.mechanism.rates
+    taken = {arm for arm, rate in enumerate(fit.model.nominal.mechanism.rates) if rate}
     for effect, where in zip(fit.model.effects, fit.model.effect_places, strict=True):
         z = fit.at.x[where]
-        if isinstance(effect, Ripple) and not any(stated[arm] for arm in effect.arms):
+        if isinstance(effect, Ripple) and not taken & {*effect.arms}:
+            taken |= {*effect.arms}
             amplitudes = tuple((effect.usual * z[:-1]).tolist())
             rate = effect.rate + effect.rate_std * float(z[-1])
             yield RateError(effect.arms, rate, effect.rate_std, amplitudes, effect.log_odds)
