@@ -2,8 +2,8 @@
 
 All of them are unknowns of every fit. A source's prior is a normal distribution about nominal
 whose 1 σ is the source's tolerance times the size of its group; the sizes of learned groups are
-estimated from the shots (`variance_components.py`). An error that a robot does not have therefore
-costs little uncertainty, and one that it has is corrected and stated.
+estimated from the shots (`fit.py`). An error that a robot does not have therefore costs little
+uncertainty, and one that it has is corrected and stated.
 
 This table is the only place that names the sources: priors, the budget, findings and the
 documentation follow from its rows.

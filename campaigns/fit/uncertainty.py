@@ -2,10 +2,10 @@
 
 Theory of operation. The posterior covariance C of all unknowns comes in. First, some combinations
 of parameters move no point: motions of the robot's base frame, which the tracker's free frame takes
-back, and combinations that the mechanism hides. They are found as directions of practically no
-information (`null_directions`), are held at nominal, and their uncertainty is projected out of the
-σ of parameters. Geodesy calls this the datum of a free network, and the projection S = 1 - ZZ' an
-S-transformation (Baarda 1973).
+back, and combinations that the mechanism hides. They are found as directions Z of practically no
+information (`null_directions`). Priors with the precision D alone say where they are, and their
+uncertainty is projected out of the σ of parameters. Geodesy calls this the datum of a free network,
+and the projection S = 1 - Z (Z'DZ)⁻¹ Z'D an S-transformation (Baarda 1973).
 
 Second, positions are of interest up to a motion of the frame, for the robot's base is where its
 users define it. Derivatives of positions lose the part that a frame explains (`without_frame`);

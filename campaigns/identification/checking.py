@@ -123,7 +123,7 @@ def _drift(model: ErrorModel, changed: Sequence[str]) -> Array:
         parameter, source = table[name], SOURCES[group]
         is_length = parameter.unit == "mm"
         drift[place] = source.drift_of_lengths if is_length else source.drift_of_angles
-        # Parts have the names of `changes.part_columns`: "encoder 0", "forearm 2".
+        # Parts have the names of `events.candidate_parts`: "encoder 0", "forearm 2".
         part = f"{PART_OF.get(parameter.field.stem, '')} {parameter.arm}"
         if part in changed:
             drift[place] = STEP_MM if is_length else ENCODER_RAD

@@ -208,7 +208,7 @@ def effect_findings(fit: Fit) -> Iterator[Finding]:
 # Savage-Dickey ratio: the Bayes factor of an effect is the prior's density at z = 0 over the
 # fit's. With prior N(0, ρ²) and fit N(z, C) that is log B = ½ z'C⁻¹z + ½ log |C / ρ²|.
 def log_odds_of(fit: Fit, effect: Effect, where: slice) -> float:
-    """Return the log fit odds of an effect against none, by its unknowns' fit."""
+    """Return the log posterior odds of an effect against none, by its unknowns' posterior."""
     sizes = [fit.sizes.get(group, 1.0) for group, count in effect.sizes_of for _ in range(count)]
     places, odds = [*range(*where.indices(len(fit.at.x)))], effect.log_odds
     if isinstance(effect, RateError):  # of a ripple that is the robot's own: by its amplitudes

@@ -1,8 +1,8 @@
 """Uncertainty monitor: uncertainty of positions while a plan is measured.
 
-The accepted shots are fitted as `identify` will fit them, without its search for changes of the
-model, and the covariance of the parameters gives σ at many positions all over the workspace. Their
-mean is what the screen shows and what `--until` is compared with.
+The accepted shots are fitted and explained as `identify` will do it, and the covariance of the
+parameters gives σ at many positions all over the workspace. Their mean is what the screen shows and
+what `--until` is compared with.
 """
 
 from collections.abc import Iterable, Sequence

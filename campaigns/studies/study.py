@@ -10,9 +10,9 @@ identification states true? For each of N campaigns
 4. compare with the truth, which only a simulation has: errors of the parameters beside their
    stated σ, and errors of positions over the workspace beside the stated ones.
 
-The robots are of the kind that the fit expects, so the statistics must be right if the mathematics
-is. Each campaign has a random generator of its own, made from seed and number: a number gives the
-same campaign in whatever process and order it is simulated.
+The robots are of the kind that the fit expects: a study shows faults of the statistics, not what
+the model lacks. Each campaign has a random generator of its own, made from seed and number: a
+number gives the same campaign in whatever process and order it is simulated.
 """
 
 from collections.abc import Callable, Iterator, Sequence
