@@ -24,7 +24,19 @@ from typing import Literal
 import numpy as np
 
 from campaigns.arrays import Array, Index
-from campaigns.fit.effects import ENCODER_RAD, FRAME, PARTS, STEP_MM, TURN_MRAD, Effect, Lag, Step
+from campaigns.fit.effects import (
+    ENCODER_RAD,
+    FRAME,
+    PARTS,
+    STEP_MM,
+    TURN_MRAD,
+    Effect,
+    Lag,
+    Layer,
+    RateError,
+    Step,
+    Walk,
+)
 from campaigns.fit.error_model import ErrorModel, Observations
 from campaigns.fit.fit import (
     Fit,
@@ -35,7 +47,7 @@ from campaigns.fit.fit import (
     log_factors_at_usual_size,
     refit,
 )
-from campaigns.fit.layers import likely_layers
+from campaigns.fit.layers import LAYERS, likely_layers
 from campaigns.fit.periods import likely_ripples
 
 ALARM = 0.01
@@ -89,7 +101,16 @@ class Event:
 
 def explain(model: ErrorModel, observations: Observations, prior: Prior | None = None) -> Fit:
     """Fit, and add the effects that the evidence asks for."""
-    return _with_effects(fit_model(model, observations, prior), _hypotheses)
+    fit = fit_model(model, observations, prior)
+    # A layer would take up a change, and costs many unknowns: layers come once nothing else is
+    # left, and what else there is may show only beside them.
+    for _ in LAYERS:
+        fit = _with_effects(fit, _hypotheses)
+        layered = _with_effects(fit, _layered, most=1)
+        if layered is fit:
+            return fit
+        fit = layered
+    return _with_effects(fit, _hypotheses)
 
 
 def add_steps(fit: Fit) -> Fit:
@@ -135,17 +156,22 @@ def with_steps_of(whole: Fit, fit: Fit) -> Fit:
     return refit(fit, fit.model.with_effects((*others, *steps)))
 
 
-def _with_effects(fit: Fit, hypotheses: Callable[[Fit], Iterable[tuple[Effect, ...]]]) -> Fit:
+def _with_effects(
+    fit: Fit, hypotheses: Callable[[Fit], Iterable[tuple[Effect, ...]]], *, most: int = MOST_EFFECTS
+) -> Fit:
     """Add effects as long as the evidence rises, and take out changes that add nothing."""
-    evidence = log_evidence(fit)
-    while len(fit.model.effects) < MOST_EFFECTS:
+    evidence, count = log_evidence(fit), len(fit.model.effects)
+    while len(fit.model.effects) < min(MOST_EFFECTS, count + most):
         trials = [_fit_with(fit, effects) for effects in hypotheses(fit)]
         finite = [trial for trial in trials if trial is not None]
         best = max(finite, key=lambda trial: trial[1], default=None)
         if best is None or best[1] <= evidence:
             break
         fit, evidence = best
-    while (simpler := _without_superfluous(fit, evidence)) is not None:
+    for _ in fit.model.effects:
+        simpler = _without_superfluous(fit, evidence)
+        if simpler is None:
+            break
         fit, evidence = simpler
     return fit
 
@@ -181,11 +207,12 @@ def _retuned(fit: Fit) -> tuple[Effect, ...]:
 
 
 def _without_superfluous(fit: Fit, evidence: float) -> tuple[Fit, float] | None:
-    """Return the fit without the change that later ones made superfluous; None if there is none."""
+    """Return the fit without the effect that later ones made superfluous; None if all count."""
     trials = [
         trial
-        for step in steps_of(fit)
-        if (trial := _fit_with(fit, tuple(e for e in fit.model.effects if e is not step)))
+        for spare in fit.model.effects
+        if not isinstance(spare, (Walk, Layer, RateError))
+        if (trial := _fit_with(fit, tuple(e for e in fit.model.effects if e is not spare)))
     ]
     best = max(trials, key=lambda trial: trial[1], default=None)
     return best if best is not None and best[1] >= evidence else None
@@ -199,8 +226,14 @@ def steps_of(fit: Fit) -> tuple[Step, ...]:
 def _hypotheses(fit: Fit) -> Iterator[tuple[Effect, ...]]:
     """Yield the sets of effects that are worth a fit."""
     yield from _changed(fit)
-    for effect in (*likely_ripples(fit), *_likely_lag(fit), *likely_layers(fit)):
+    for effect in (*likely_ripples(fit), *_likely_lag(fit)):
         yield (*fit.model.effects, effect)
+
+
+def _layered(fit: Fit) -> Iterator[tuple[Effect, ...]]:
+    """Yield the effects with one layer more."""
+    for layer in likely_layers(fit):
+        yield (*fit.model.effects, layer)
 
 
 def _changed(fit: Fit) -> Iterator[tuple[Effect, ...]]:

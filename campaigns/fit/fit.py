@@ -71,7 +71,7 @@ SMALLEST_SIZE = 0.4
 it is by the directions that shots determine well: without a least size 6 of 40 robots at their
 tolerances had a parameter more than 4 σ off, with it 1 of 80."""
 LARGEST_SIZE = 10.0
-"""Largest size that is drawn: one as large as that is seen by the shots, not a matter of chance."""
+"""Largest size that is drawn: a larger one is seen by the shots, and no matter of chance."""
 ROUNDS_OF_SIZES = 4
 """Rounds of the sizes of groups in each round of the noise, which costs far more: new weights need
 new normal equations, new sizes only another inverse of them."""
@@ -633,12 +633,12 @@ def integrate_sizes(fit: Fit) -> Fit:
     right = matrix @ deviation - slope
     whole = matrix + fit.precision
     whole[places, places] -= fit.precision[places, places]
-    # x of the others follows from x of these: x_o = rest - link x
+    # x of the others follows from x of these: x_o = offset - link x
     inverse = np.linalg.inv(whole[np.ix_(others, others)])
-    link, rest = inverse @ whole[np.ix_(others, places)], inverse @ right[others]
+    link, offset = inverse @ whole[np.ix_(others, places)], inverse @ right[others]
     across = whole[np.ix_(places, others)]
     mean, covariance = _draw_sizes(
-        fit, drawn, whole[np.ix_(places, places)] - across @ link, right[places] - across @ rest
+        fit, drawn, whole[np.ix_(places, places)] - across @ link, right[places] - across @ offset
     )
     total = np.zeros_like(whole)
     total[np.ix_(places, places)] = covariance
@@ -646,7 +646,7 @@ def integrate_sizes(fit: Fit) -> Fit:
     total[np.ix_(places, others)] = -(link @ covariance).T
     total[np.ix_(others, others)] = inverse + link @ covariance @ link.T
     averaged = np.zeros(len(whole))
-    averaged[places], averaged[others] = mean, rest - link @ mean
+    averaged[places], averaged[others] = mean, offset - link @ mean
     step = averaged - deviation
     frames = moved_frames(fit.at.frames, step[fit.model.size :])
     moved = _predicted(fit, fit.at.x + step[: fit.model.size], frames)

@@ -18,6 +18,8 @@ from campaigns.fit.effects import Layer, place_coordinates
 from campaigns.fit.error_sources import DEG
 from campaigns.fit.fit import Fit
 
+LAYERS = ("place", "arms")
+"""Kinds of layers: a campaign has at most one of each."""
 PLACE_LENGTHS = (0.25, 0.5, 1.0)
 """Correlation lengths over the workspace, in its largest radius."""
 ANGLE_LENGTHS = (0.1, 0.25, 0.5)

@@ -468,7 +468,7 @@ class _JudgedCampaign:
             np.array(self.shots.numbers)[self.shots.rows_of(purpose)].tolist()
             for purpose in (ShotSet.IDENTIFICATION, ShotSet.VALIDATION, ShotSet.CHECK)
         ]
-        yield from findings.left_out_findings(self.events, sets, self._pattern(fit))
+        yield from findings.left_out_findings(self.events, sets, self._pattern())
         if unseen.test is not None and unseen.errors is not None:
             met = unseen.test.meets(options.limits_mm)
             yield from findings.hold_out_findings(unseen.test, limits_met=met)
@@ -533,10 +533,15 @@ class _JudgedCampaign:
         rows = _rows_in_time(self.shots, self.observations, *sets)
         return np.array(self.shots.numbers)[rows].tolist()  # type: ignore[no-any-return]  # numpy's
 
-    def _pattern(self, fit: Fit) -> Literal["series", "region"] | None:
-        """Return the pattern of the shots left out of the fit."""
-        positions = self.at_nominal.values[self._fitted_rows, :3]
-        return pattern_of(fit.kept, np.nan_to_num(positions), np.random.default_rng(PATTERN_SEED))
+    def _pattern(self) -> Literal["series", "region"] | None:
+        """Return the pattern of the shots left out, hold-out shots too."""
+        sets = (ShotSet.IDENTIFICATION, ShotSet.VALIDATION, ShotSet.CHECK)
+        rows = _rows_in_time(self.shots, self.observations, *sets)
+        rows = rows[self.at_nominal.is_solved[rows]]
+        left_out = [event.first for event in self.events if event.leaves_out]
+        kept = ~np.isin(np.array(self.shots.numbers)[rows], left_out)
+        positions = self.at_nominal.values[rows, :3]
+        return pattern_of(kept, positions, np.random.default_rng(PATTERN_SEED))
 
 
 def _rounded(rows: Array, digits: int) -> tuple[tuple[float, ...], ...]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.evaluation.region import Region
-from campaigns.fit.effects import Layer
+from campaigns.fit.effects import Layer, Ripple
 from campaigns.fit.error_model import Observations, RobotPoints
 from campaigns.fit.error_sources import SOURCES
 from campaigns.fit.fit import Fit
@@ -92,11 +92,10 @@ def uncertainty_of_positions(
     by_joint2 = (robot.by_moves["joints"] ** 2).sum(axis=(1, 2))
     repeats = repeating * (3.0 * point**2 + joint**2 * by_joint2)
     by_sample = without_frame(robot.by[:count], positions[:count])
-    followed = ratio * np.hypot(
-        position_std_mm(by_sample, covariance), between_shots[:count] ** 0.5
-    )
+    of_sample = position_std_mm(by_sample, covariance)
+    followed = ratio * np.sqrt(of_sample**2 + between_shots[:count] + repeats[:count])
     # what no parameter describes is an error of all who use the parameters alone
-    beyond = without_frame(_moved_by_layers(fit, robot)[:count, :, None], positions[:count])
+    beyond = without_frame(_moved_beyond_parameters(fit, robot)[:count, :, None], positions[:count])
     std = np.hypot(followed, ratio * np.linalg.norm(beyond, axis=(1, 2)))
     of_all = position_std_mm(without_frame(robot.by, positions), covariance)
     of_both = np.sqrt(of_all**2 + between_shots + repeats)
@@ -106,17 +105,18 @@ def uncertainty_of_positions(
     sizes = PositionStd(float(std.mean()), float(std.max()), rms, len(workspace) - count, corrected)
     squares = dict(budget(fit, by_sample))
     if beyond.any():
-        squares["layer"] += float(between_shots[:count].mean() + (beyond**2).sum() / count)
+        further = float(between_shots[:count].mean() + (beyond**2).sum() / count)
+        squares["layer"] = squares.get("layer", 0.0) + further
     if repeating:
         squares[REPEATING] = float(repeats[:count].mean())
     return Positions(sizes, region, _shares(squares, ratio, rms))
 
 
-def _moved_by_layers(fit: Fit, robot: RobotPoints) -> Array:
-    """Return how far layers move points, (N, 3), mm."""
+def _moved_beyond_parameters(fit: Fit, robot: RobotPoints) -> Array:
+    """Return how far what no parameter describes moves points, (N, 3), mm."""
     moved = np.zeros_like(robot.by[..., 0])
     for effect, where in zip(fit.model.effects, fit.model.effect_places, strict=True):
-        if isinstance(effect, Layer):
+        if isinstance(effect, (Layer, Ripple)):
             moved += robot.by[..., where] @ fit.at.x[where]
     return moved
 
