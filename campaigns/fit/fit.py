@@ -650,7 +650,7 @@ def integrate_sizes(fit: Fit) -> Fit:
     step = averaged - deviation
     frames = moved_frames(fit.at.frames, step[fit.model.size :])
     moved = _predicted(fit, fit.at.x + step[: fit.model.size], frames)
-    return replace(moved, spread=total - moved.inverse)
+    return replace(moved, spread=0.5 * (total + total.T) - moved.inverse)
 
 
 def _draw_sizes(
