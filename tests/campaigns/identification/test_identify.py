@@ -246,3 +246,12 @@ def test_the_papers_model_refuses_a_gross_point_and_names_its_pair():
     with pytest.raises(ShotsInvalid, match=r"pair 5 is \d+\.\d\d mm off") as caught:
         identified(with_points(campaign, points), model="paper")
     assert "measure pair 5 again" in caught.value.remedy
+
+
+def test_a_change_between_fitted_and_hold_out_shots_is_named():
+    # no fitted shot has it: the fit of these alone holds a change that covers none of its shots
+    campaign = rod_campaign("par4-prototype", shots=SHOTS // 2, pairs=8, seed=3)
+    joints = campaign.shots.joints.copy()
+    joints[SHOTS // 2 :, 1] += np.radians(0.05)
+    (change,) = changes(identified(with_joints(campaign, joints)))
+    assert (change.numbers["part"], change.numbers["before_shot"]) == ("encoder 1", SHOTS // 2)
