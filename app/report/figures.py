@@ -46,6 +46,7 @@ LINE_COLOURS = {"x": AFTER, "y": BEFORE, "z": INK}
 DASHES = {"x": "-", "y": "--", "z": ":"}
 MARKERS = {"x": "o", "y": "s", "z": "^"}
 COORDINATES = ("x, mm", "y, mm", "z, mm", "θ, °")
+NO_PLACES = np.empty((0, 3))
 TIME_UNITS = (("hours", 3600.0), ("minutes", 60.0), ("seconds", 1.0))
 
 
@@ -68,7 +69,7 @@ def pair_errors(groups: Sequence[PairGroup]) -> list[Figure]:
         axes.set_xticks([])
         legend_above(axes, len(groups))
         panels.append(axes)
-    return _figures(panels)
+    return figures_of(panels)
 
 
 def _draw_errors(axes: Axes, start: int, group: PairGroup, stage: Stage, *, is_last: bool) -> None:
@@ -87,8 +88,11 @@ def _draw_errors(axes: Axes, start: int, group: PairGroup, stage: Stage, *, is_l
             axes.annotate(number, spot, (3, 2), textcoords="offset points", size=6.0)
 
 
-def error_arrows(errors: PositionErrors) -> list[Figure]:
-    """Draw measured minus modelled positions, from above and from the side, by stage."""
+def error_arrows(errors: PositionErrors, left_out_mm: Array = NO_PLACES) -> list[Figure]:
+    """Draw measured minus modelled positions, from above and from the side, by stage.
+
+    Crosses mark places (K, 3) whose shots were left out.
+    """
     # Errors of 0.1 mm are invisible in a workspace of 1 m, so arrows are longer than the errors, by
     # a factor in the title. Each stage has its own factor; both views of a stage share it.
     panels = []
@@ -98,14 +102,24 @@ def error_arrows(errors: PositionErrors) -> list[Figure]:
         factor = magnification(errors_mm)
         for view, axis, side in (("from above", 1, "y, mm"), ("from the side", 2, "z, mm")):
             axes = new_panel(f"{stage}, {view}: arrows {factor:g} × error", "x, mm", side)
-            starts, lengths = errors.poses[:, [0, axis]].T, factor * errors_mm[:, [0, axis]].T
-            look: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.004}
-            axes.quiver(*starts, *lengths, color=COLOURS[stage], **look)
-            axes.plot(*starts, ".", color=QUIET, markersize=1.5)
-            axes.plot(*(starts + lengths), alpha=0.0)  # axes make room for lines, not for arrows
-            axes.set_aspect("equal", adjustable="datalim")
+            sides = [0, axis]
+            lengths = factor * errors_mm[:, sides]
+            draw_arrows(axes, errors.poses[:, sides], lengths, COLOURS[stage])
+            if len(left_out_mm):
+                cross: Any = {"color": INK, "markersize": 5.0, "label": "left out"}
+                axes.plot(*left_out_mm[:, sides].T, "x", **cross)
+                legend_above(axes, 1)
             panels.append(axes)
-    return _figures(panels)
+    return figures_of(panels)
+
+
+def draw_arrows(axes: Axes, starts: Array, lengths: Array, colour: str) -> None:
+    """Draw arrows with starts and lengths (N, 2) on the scale of the axes, which have one scale."""
+    look: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.004}
+    axes.quiver(*starts.T, *lengths.T, color=colour, **look)
+    axes.plot(*starts.T, ".", color=QUIET, markersize=1.5)
+    axes.plot(*(starts + lengths).T, alpha=0.0)  # axes make room for lines, not for arrows
+    axes.set_aspect("equal", adjustable="datalim")
 
 
 def magnification(errors_mm: Array) -> float:
@@ -138,7 +152,7 @@ def errors_against_position(poses: Array, errors_mm: Array, fitted: Mask) -> lis
         axes.set_ylim(bottom=0.0)
         legend_above(axes, 3)
         panels.append(axes)
-    return _figures(panels)
+    return figures_of(panels)
 
 
 def straightness(results: Results) -> list[Figure]:
@@ -160,7 +174,7 @@ def straightness(results: Results) -> list[Figure]:
                 )
         panels.append(axes)
         _finish(axes, len(lines))
-    return _figures(panels)
+    return figures_of(panels)
 
 
 def rotation(results: Results) -> list[Figure]:
@@ -176,7 +190,7 @@ def rotation(results: Results) -> list[Figure]:
                 _draw_course(axes, turn_deg, away_mm, axis, color=colour, label=f"in {axis}")
         panels.append(axes)
         _finish(axes, len(AXES))
-    return _figures(panels)
+    return figures_of(panels)
 
 
 def _stage_panel(stage: str, size: str, x: str) -> Axes:
@@ -220,7 +234,7 @@ def repeatability(results: Results) -> list[Figure]:
             axes.add_patch(circle)
         legend_above(axes, len(visits))
         panels.append(axes)
-    return _figures(panels)
+    return figures_of(panels)
 
 
 def over_time(courses: Sequence[TimeSeries]) -> list[Figure]:
@@ -242,7 +256,7 @@ def over_time(courses: Sequence[TimeSeries]) -> list[Figure]:
             legend_above(axes, len(courses))
         else:
             show_nothing(axes, "not recorded")
-    return _figures([air, drift])
+    return figures_of([air, drift])
 
 
 def correlation_map(covariance: ParameterCovariance) -> list[Figure]:
@@ -267,6 +281,7 @@ def correlation_map(covariance: ParameterCovariance) -> list[Figure]:
     return [figure]
 
 
-def _figures(panels: Sequence[Axes]) -> list[Figure]:
+def figures_of(panels: Sequence[Axes]) -> list[Figure]:
+    """Return the figures of panels, each once."""
     figures = [axes.get_figure(root=True) for axes in panels]
     return [figure for figure in figures if figure is not None]

@@ -69,6 +69,7 @@ def page_of(evaluation: Evaluation, made_utc: str) -> Page:
         results.workspace_section(evaluation),
         results.motion_tests_section(evaluation),
         results.parameters_section(evaluation),
+        results.course_section(evaluation),
         results.budget_section(evaluation),
         record.item_section(evaluation),
         record.tracker_section(evaluation),

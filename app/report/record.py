@@ -248,10 +248,17 @@ def incidents_section(evaluation: Evaluation) -> Section:
     """Return the section on excluded shots and events."""
     section = Section("incidents", "Excluded shots and events")
     journal, identification = evaluation.evidence.journal, evaluation.evidence.identification
-    if identification is not None and identification.excluded:
-        excluded = [(row.what, row.reason) for row in identification.excluded]
-        section.table("Left out of the identification", by_place("", "reason"), excluded)
-    else:
+    excluded = identification.excluded if identification else ()
+    events = identification.events if identification else ()
+    of_course = {event.first for event in events if event.leaves_out}
+    others = [row for row in excluded if row.shot not in of_course]
+    rows_left_out = [(row.what, row.reason) for row in others]
+    section.table("Left out of the identification", by_place("", "reason"), rows_left_out)
+    if of_course:
+        section.note(
+            f"Shots that the identification left out, {len(of_course)}: see Course of the campaign."
+        )
+    elif not others:
         section.note("The identification left out no shot and no pair.")
     for title, is_event in (("Rejected shots and voided pairs", False), ("Events", True)):
         rows = [

@@ -8,6 +8,7 @@ that a page can be read without this software's documentation.
 from itertools import zip_longest
 
 from app.report import figures, tables
+from app.report.course import Course
 from app.report.section import Section
 from campaigns.evaluation.iso_figures import cube_frame, cube_poses, iso_rows
 from campaigns.evidence import Evaluation
@@ -71,12 +72,15 @@ def workspace_section(evaluation: Evaluation) -> Section:
     positions = evaluation.errors.positions if evaluation.errors else None
     if positions is None:
         return section
+    course = Course.of(evaluation.evidence)
+    left_out_mm = figures.NO_PLACES if course is None else course.left_out_mm
+    crosses = " Crosses: places of shots that were left out." if len(left_out_mm) else ""
     section.figure(
         "arrows",
         "Errors of position in the workspace",
-        figures.error_arrows(positions),
+        figures.error_arrows(positions, left_out_mm),
         "From the modelled to the measured point, in the base frame as fitted for each model: "
-        "where neighbouring arrows agree, the model is wrong.",
+        f"where neighbouring arrows agree, the model is wrong.{crosses}",
     )
     if positions.after_mm is not None:
         section.figure(
@@ -175,6 +179,28 @@ def parameters_section(evaluation: Evaluation) -> Section:
             figures.correlation_map(geometry),
             "The darker, the less these shots separate two parameters.",
         )
+    return section
+
+
+def course_section(evaluation: Evaluation) -> Section:
+    """Return the section on wrong shots, changes and slow motions during the campaign."""
+    section = Section("course", "Course of the campaign")
+    course = Course.of(evaluation.evidence)
+    if course is None:
+        return section
+    section.table(
+        "Wrong shots and changes",
+        tables.events(revolute=course.is_revolute),
+        course.identification.events,
+        "Wrong shot: by how far it is off where all others put it. Change: the component that is "
+        "largest in its σ, of all parts that explain it nearly as well. U is 2 σ.",
+    )
+    if not course.identification.events:
+        section.text("no shot contradicts the others, and no part changed")
+    if not course.has_slow_stand:
+        section.text(course.stand_in_words)
+    title = "The campaign, shot by shot"
+    section.figure("course-of-shots", title, course.panels(), course.caption())
     return section
 
 

@@ -20,7 +20,15 @@ from campaigns.evaluation.verdict import NO_CHANGE, Gain
 from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, Row, number, words
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
-from campaigns.identification.findings import HOLD_OUT_LEVEL, Finding, HoldOut
+from campaigns.fit.events import Event
+from campaigns.identification.findings import (
+    HOLD_OUT_LEVEL,
+    Finding,
+    HoldOut,
+    part_words,
+    remedy_of,
+    size_in_words,
+)
 from campaigns.identification.result import (
     Correlation,
     IdentificationResult,
@@ -103,6 +111,19 @@ FINDINGS: tuple[Column[Finding], ...] = (
     words("", lambda finding: finding.says),
     words("consequence", lambda finding: _consequence(finding)),
 )
+
+
+def events(*, revolute: bool) -> tuple[Column[Event], ...]:
+    """Return the columns of events: kind, shots, part, size with U, remedy."""
+    return (
+        words("what", lambda event: event.kind),
+        words("shots", _shots_of),
+        words("part", lambda event: " or ".join(map(part_words, event.parts)) or NOTHING),
+        words("size ± U", lambda event: size_of(event, revolute=revolute)),
+        words("remedy", remedy_of),
+    )
+
+
 BUDGET: tuple[Column[tuple[str, str, float]], ...] = (
     words("source", lambda row: row[0]),
     Column("σ", lambda row: row[2], "mm", DECIMALS),
@@ -272,6 +293,25 @@ def _consequence(finding: Finding) -> str:
     if finding.accepted:
         return "accepted"
     return "reported only" if finding.decision is None else f"verdict: {finding.decision}"
+
+
+def part_of(event: Event) -> str:
+    """Name the likeliest part of a change, and count the others that explain it nearly as well."""
+    others = len(event.parts) - 1
+    return part_words(event.parts[0]) + (f" (or {others} more)" if others > 0 else "")
+
+
+def size_of(event: Event, *, revolute: bool) -> str:
+    """Return the size of an event with U; a dash where it has none."""
+    if event.kind == "no assembly":
+        return NOTHING
+    return size_in_words(event, revolute=revolute).replace("-", "−")
+
+
+def _shots_of(event: Event) -> str:
+    if event.first == event.last:
+        return str(event.first)
+    return f"from {event.first} on" if event.is_lasting else f"{event.first} to {event.last}"
 
 
 def budget_rows(identification: IdentificationResult) -> list[tuple[str, str, float]]:

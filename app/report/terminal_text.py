@@ -17,6 +17,7 @@ from campaigns.evaluation.summary import BeforeAfter
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, number, texts, words
+from campaigns.identification.findings import WRONG_SHOTS, Finding, remedy_of
 from campaigns.identification.result import RecordedIdentification
 from campaigns.kinematics.parameters import ParameterTable
 from campaigns.workflow.validation import Validated
@@ -60,14 +61,36 @@ def show_identification(
     for line in _sentences(identification):
         if line not in identification.reasons:  # reasons stand below the verdict
             terminal.say(line)
-    for excluded in identification.excluded:
-        terminal.say(f"left out: {excluded.what}: {excluded.reason}", WARNING)
+    for line in _left_out(identification):
+        terminal.say(f"left out: {line}", WARNING)
     for finding in identification.findings:
-        if not finding.affects_verdict:
+        if not (finding.affects_verdict or _is_listed(finding, identification)):
             terminal.say(f"{finding.says}{' (accepted)' if finding.accepted else ''}", WARNING)
     terminal.say(f"verdict: {identification.verdict}", DECISIONS[identification.verdict])
     for reason in identification.reasons:
         terminal.say(f"  {reason}")
+
+
+# A change has one line by its finding. Wrong shots have a line each, with size and remedy: then a
+# finding that only counts them adds nothing, and is left out unless they have something in common.
+def _left_out(identification: RecordedIdentification) -> Iterator[str]:
+    """Yield each shot and pair that was left out, with the reason, and what to do about it."""
+    event_of = {event.first: event for event in identification.events if event.leaves_out}
+    for excluded in identification.excluded:
+        event = None if excluded.shot is None else event_of.get(excluded.shot)
+        if event is None:
+            yield f"{excluded.what}: {excluded.reason}"
+        elif event.kind == "no assembly":
+            yield f"{excluded.what}: {excluded.reason}: {remedy_of(event)}"
+        else:
+            size = tables.size_of(event, revolute=False)  # of a wrong shot always in mm
+            yield f"{excluded.what}: {size} off where all others put it: {remedy_of(event)}"
+
+
+def _is_listed(finding: Finding, identification: RecordedIdentification) -> bool:
+    """Return whether a finding only counts shots that have a line each."""
+    is_listed = any(event.leaves_out for event in identification.events)
+    return finding.name == WRONG_SHOTS and is_listed and "pattern" not in finding.numbers
 
 
 def _sentences(identification: RecordedIdentification) -> Iterator[str]:

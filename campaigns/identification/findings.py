@@ -323,7 +323,10 @@ def left_out_findings(
         says.append("they lie together in the workspace: the model fails there")
     if decision is None:
         says.append("measure again")
-    yield Finding(WRONG_SHOTS, "; ".join(says), decision, {"count": float(len(left_out))})
+    numbers_of: dict[str, float | str] = {"count": float(len(left_out))}
+    if pattern is not None:
+        numbers_of["pattern"] = pattern
+    yield Finding(WRONG_SHOTS, "; ".join(says), decision, numbers_of)
 
 
 def _shots_words(events: Sequence[Event]) -> str:
@@ -341,20 +344,13 @@ def _change_finding(event: Event, numbers: Sequence[int], *, revolute: bool) -> 
     # again. One that stays divides the campaign: the robot of today is the one after it.
     first, last = event.first, event.last
     before = numbers[max(numbers.index(first) - 1, 0)]
-    in_degrees = event.parts[0].startswith("encoder") and revolute
-    scale, unit = (float(np.degrees(1.0)), "°") if in_degrees else (1.0, " mm")
-    size = f"{scale * event.size:+.3g} ± {COVERAGE * scale * event.std:.2g}{unit}"
+    scale, _ = _unit_of(event, revolute=revolute)
     parts = " or ".join(part_words(part) for part in event.parts)
     where = f"between shots {before} and {first}"
     if not event.is_lasting:
         where = f"from shot {first} to {last}"
-    remedy = f"mend it, and identify from the shots after it alone, --only-shots {first}-"
-    if event.parts[0] == FRAME:
-        remedy = (
-            f"if it was between two sessions, --sessions; else --only-shots {first}-"
-            if event.is_lasting else "measure these shots again"
-        )  # fmt: skip
-    says = f"{parts} changed {where}, by {size}: {remedy}"
+    size = size_in_words(event, revolute=revolute)
+    says = f"{parts} changed {where}, by {size}: {remedy_of(event)}"
     numbers_of: dict[str, float | str] = {
         "part": event.parts[0], "after_shot": float(before), "before_shot": float(first),
         "size": scale * event.size, "U": COVERAGE * scale * event.std,
@@ -362,6 +358,31 @@ def _change_finding(event: Event, numbers: Sequence[int], *, revolute: bool) -> 
     if not event.is_lasting:
         numbers_of["last_shot"] = float(last)
     return Finding(CHANGE, says, "fail", numbers_of)
+
+
+def _unit_of(event: Event, *, revolute: bool) -> tuple[float, str]:
+    """Return the factor and the unit of an event's size in words: ° of an encoder, else mm."""
+    is_angle = revolute and any(part.startswith("encoder") for part in event.parts[:1])
+    return (float(np.degrees(1.0)), "°") if is_angle else (1.0, " mm")
+
+
+def size_in_words(event: Event, *, revolute: bool) -> str:
+    """Return the size of an event with its U; a wrong shot is off without a sign."""
+    scale, unit = _unit_of(event, revolute=revolute)
+    size, expanded = scale * event.size, COVERAGE * scale * event.std
+    sign = "+" if event.kind == "change" else ""
+    return f"{size:{sign}.3g} ± {expanded:.2g}{unit}"
+
+
+def remedy_of(event: Event) -> str:
+    """Return what to do about an event."""
+    if event.kind != "change":
+        return "measure again"
+    if event.parts[0] != FRAME:
+        return f"mend it, and identify from the shots after it alone, `--only-shots {event.first}-`"
+    if event.is_lasting:
+        return f"if it was between two sessions, `--sessions`; else `--only-shots {event.first}-`"
+    return "measure these shots again"
 
 
 def part_words(part: str) -> str:

@@ -37,7 +37,7 @@ BROKEN = """[...document.querySelectorAll("td.words")].filter(e => {
 DRAWN = """Object.fromEntries([...document.querySelectorAll('figure')].map(f => [f.id, [
     f.querySelector('svg').getBoundingClientRect().width,
     f.querySelectorAll('svg text').length,
-    f.querySelectorAll('svg :is(path, polyline, polygon, circle, rect)').length]]))"""
+    f.querySelectorAll('svg :is(path, polyline, polygon, circle, rect, use)').length]]))"""
 
 
 @pytest.fixture(scope="module")
