@@ -398,7 +398,8 @@ def _answer_to_check(
         return ""
     # A failed check that names the changed parts can be answered by an update, which frees these
     # parts. Without named parts nothing says what to free: new shots have to determine everything.
-    if check.of != identified.digest() or check.decision == "not decided":
+    is_undecided = check.decision == "not decided" or check.is_of_shots_alone
+    if check.of != identified.digest() or is_undecided:
         return "again"
     return "update" if check.parts else "anew"
 

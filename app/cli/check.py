@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from app.console import DECISIONS, Terminal
+from app.console import DECISIONS, WARNING, Terminal
 from app.measuring import Job, measure
 from app.next import tell_next
 from app.options import Anew, Dry, Plain, Yes
@@ -53,7 +53,8 @@ def command(
     the parts that most likely changed are named. `pkmcal identify --update` then updates the
     parameters.
 
-    Exit code 1: the robot has changed, or the shots do not decide whether it has.
+    Exit code 1: the robot has changed, or the shots do not decide whether it has. Shots that
+    contradict all others (`wrong` in --json) decide nothing: check again.
     """
     campaign.require_devices()
     work = check_work(campaign, options)
@@ -66,6 +67,9 @@ def command(
     job = CheckJob(campaign, work, expected, options.retry)
     check = measure(job, terminal, yes=yes, anew=anew, plain=plain)
     terminal.say(check.says, DECISIONS[check.decision])
+    if not check.is_of_shots_alone:  # else these words are about the shots
+        for shot in check.wrong:
+            terminal.say(f"left out: shot {shot}: it contradicts all others", WARNING)
     # "not decided" ends with code 1 as well: a script must not take it for a robot that is fine
     following = tell_next(terminal, campaign)
     terminal.conclude(check, following, is_good=check.decision == "pass")

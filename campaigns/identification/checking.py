@@ -84,6 +84,12 @@ class CheckResult:
     log_factors: Mapping[str, float]
     """Log Bayes factor of a change of each part."""
 
+    @property
+    def is_of_shots_alone(self) -> bool:
+        """Whether nothing but single wrong shots is against a pass: they show no changed robot."""
+        is_misfit = Misfit(self.chi2, self.dof, self.p).is_significant
+        return bool(self.wrong) and not (self.parts or is_misfit)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedCheck(CheckResult):

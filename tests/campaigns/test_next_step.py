@@ -321,16 +321,29 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(evidence: E
 
 
 @pytest.mark.parametrize(
-    ("decision", "parts", "answer"),
-    [("fail", ("encoder 2",), "update"), ("fail", (), "anew"), ("not decided", (), "again")],
+    ("decision", "parts", "wrong", "p", "answer"),
+    [
+        ("fail", ("encoder 2",), (), 0.5, "update"),
+        ("fail", ("encoder 2",), (5,), 0.5, "update"),
+        ("fail", (), (), 0.0, "anew"),
+        ("fail", (), (3, 5), 0.0, "anew"),
+        ("fail", (), (3, 5), 0.5, "again"),
+        ("not decided", (), (5,), 0.5, "again"),
+        ("not decided", (), (), 1.0, "again"),
+    ],
 )
 def test_a_bad_check_is_doubtful_until_new_shots_answer_it(
-    evidence: Evidence, decision: Decision, parts: tuple[str, ...], answer: str
+    evidence: Evidence,
+    decision: Decision,
+    parts: tuple[str, ...],
+    wrong: tuple[int, ...],
+    p: float,
+    answer: str,
 ) -> None:
     digest = evidence.identification.parameter_set(MECHANISM).digest()
     check = RecordedCheck(
-        decision=decision, says="not good", shots=8, chi2=99.0, dof=18, p=0.0, parts=parts,
-        log_factors={}, series=50, of=digest, at_utc="",
+        decision=decision, says="not good", shots=8, chi2=99.0, dof=18, p=p, parts=parts,
+        wrong=wrong, log_factors={}, series=50, of=digest, at_utc="",
     )  # fmt: skip
     assert answer_to(evidence, check) == answer
     assert answer_to(evidence, replace(check, decision="pass")) == ""
