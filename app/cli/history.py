@@ -7,7 +7,7 @@ import typer
 
 from app.console import Terminal
 from campaigns.campaign import open_campaign
-from campaigns.files.table import Column, csv_table, words
+from campaigns.files.table import NOTHING, Column, csv_table, words
 from campaigns.files.text_file import replace_text
 from campaigns.workflow.history import Epoch, ParameterError, history
 
@@ -24,6 +24,10 @@ ERRORS: tuple[Column[ParameterError], ...] = (
     Column("σ", lambda row: row.std, decimals=4),
     words("unit", lambda row: row.unit),
 )
+MODEL: Column[ParameterError] = words(
+    "model", lambda row: "older" if row.by_older_model else "this version's"
+)
+"""Column that is shown only if an older version identified any of the parameters."""
 Numbered = tuple[int, Epoch]
 """Epoch with its number in the table, by which the lines below the table refer to it."""
 EPOCHS: tuple[Column[Numbered], ...] = (
@@ -34,7 +38,7 @@ EPOCHS: tuple[Column[Numbered], ...] = (
     Column("before", lambda row: row[1].before_mm),
     Column("after", lambda row: row[1].after_mm),
     Column("hold-out", lambda row: row[1].unseen_mm),
-    words("verdict", lambda row: row[1].decision),
+    words("verdict", lambda row: row[1].decision or NOTHING),
 )
 
 
@@ -48,13 +52,14 @@ def command(terminal: Terminal, folders: Folders, *, csv: CsvFile = None) -> Non
     title = "Campaigns and checks, mean errors of distances in mm"
     terminal.rows(title, EPOCHS, enumerate(epochs, start=1))
     for number, epoch in enumerate(epochs, start=1):
-        if epoch.says:  # too long for a column
-            terminal.say(f"{number}: {epoch.says}")
+        for text in filter(None, (epoch.says, epoch.note)):  # too long for a column
+            terminal.say(f"{number}: {text}")
     # by parameter first, then by date, so that the course of each parameter can be read downwards
     names = dict.fromkeys(error.name for epoch in epochs for error in epoch.parameters)
     errors = [e for name in names for epoch in epochs for e in epoch.parameters if e.name == name]
-    terminal.rows("Parameters: identified minus nominal", ERRORS, errors)
+    columns = (*ERRORS, MODEL) if any(error.by_older_model for error in errors) else ERRORS
+    terminal.rows("Parameters: identified minus nominal", columns, errors)
     if csv is not None:
-        replace_text(csv, csv_table(ERRORS, errors))
+        replace_text(csv, csv_table(columns, errors))
         terminal.say(f"written: {csv}")
     terminal.conclude({"epochs": epochs})

@@ -362,6 +362,11 @@ def undetermined_in_words(identification: IdentificationResult) -> Iterator[str]
 
 def in_words(identification: RecordedIdentification) -> Iterator[str]:
     """Yield sentences on model, scatter, reference temperature and origin."""
+    if identification.is_by_older_model:
+        yield (
+            "identified by an older model: run `pkmcal identify DIR` again for what this version's "
+            "model shows"
+        )
     settled = "settled" if identification.converged else "did not settle"
     rounds = f"the fit {settled} after {identification.iterations} rounds"
     yield f"model {identification.model}: {rounds}"

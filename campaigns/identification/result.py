@@ -493,6 +493,12 @@ class RecordedIdentification(IdentificationResult):
     """Settings of campaign.yaml that its verdict rests on, unless they are at their defaults."""
     pedigree: Pedigree | None = None
 
+    @property
+    def is_by_older_model(self) -> bool:
+        """Whether an older version identified it by a model with fewer sources of error."""
+        # the full model of this version states a diagnosis of every fit
+        return self.model == "full" and self.diagnosis is None
+
     @classmethod
     def of(cls, result: IdentificationResult, **provenance: Any) -> "RecordedIdentification":
         """Add the provenance to a result."""

@@ -1,18 +1,26 @@
 """History of a robot: parameters, errors and checks from the journals of its campaigns."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from itertools import combinations
-from typing import Literal
+from typing import Literal, TypeVar
+
+from pydantic import JsonValue
 
 from campaigns.campaign import Campaign
-from campaigns.errors import OptionsInvalid, ShotsMissing
+from campaigns.errors import FindingUnreadable, OptionsInvalid, ShotsMissing
 from campaigns.evaluation.decision import Decision
 from campaigns.evidence import Evaluation, evaluate
 from campaigns.identification.checking import read_check
 from campaigns.identification.result import RecordedIdentification, read_identification
-from campaigns.journal.views import Series
+from campaigns.journal.records import Finding
+from campaigns.journal.views import Entry, Series
+from drivers.texts import quoted
+
+ResultT = TypeVar("ResultT")
+OLDER_MODEL = "by an older model: figures are not comparable"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +35,7 @@ class ParameterError:
     std: float
     """1 σ of `delta`, in `unit`."""
     unit: str
+    by_older_model: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,9 +46,14 @@ class Epoch:
     kind: Literal["campaign", "check"]
     measured_utc: str
     """Time of its last shot."""
-    decision: Decision
+    decision: Decision | None
+    """None for a finding of an older version that is left out."""
     says: str
     """Reasons against an identification, or the result of a check, in words."""
+    by_older_model: bool = False
+    """Whether an older version identified it: its figures are not comparable with others."""
+    note: str = ""
+    """Why figures are not comparable or left out, and what renews them; empty if they are."""
     parameters: tuple[ParameterError, ...] = field(default=(), repr=False)
     """Errors of the free parameters; empty unless an identification passed."""
     before_mm: float | None = None
@@ -65,19 +79,37 @@ def _epochs(campaign: Campaign) -> Iterator[Epoch]:
     """Yield a campaign's latest identification of each series, and its checks."""
     with campaign.journal_reader() as journal:
         series = {each.number: each for each in journal.series()}
-        results = [read_identification(e.record.body) for e in journal.findings("identification")]
-        checks = [read_check(entry.record.body) for entry in journal.findings("check")]
+        of_identifications = journal.findings("identification")
+        of_checks = journal.findings("check")
     # a series that was identified several times is one state of the robot: its last result counts
+    results = _readable(of_identifications, read_identification)
     identifications = {result.series: result for result in results}
-    if not identifications:
+    # `identify` takes the latest series: earlier ones cannot be renewed
+    latest = max((number for number, each in series.items() if each.to_identify), default=None)
+    left_out = [
+        entry
+        for entry in _unreadable(of_identifications, read_identification)
+        if entry.record.body.get("series") not in identifications
+    ]
+    if not (identifications or left_out):
         raise ShotsMissing(
             f"{campaign.folder}: nothing has been identified yet",
             remedy=f"`pkmcal identify {campaign.folder}`, or leave it out",
         )
     evaluation = evaluate(campaign)
+    renew = f"; run `pkmcal identify {quoted(str(campaign.folder))}` again"
     for number, identification in identifications.items():
-        yield _epoch_of(campaign, identification, series.get(number), evaluation)
-    for check in checks:
+        epoch = _epoch_of(campaign, identification, series.get(number), evaluation)
+        if identification.is_by_older_model:
+            note = f"{OLDER_MODEL}{renew if number == latest else ''}"
+            epoch = replace(epoch, note=note)
+        yield epoch
+    for entry in left_out:
+        is_latest = entry.record.body.get("series") == latest
+        yield _left_out(campaign, "campaign", entry.at_utc, renew if is_latest else "")
+    for entry in _unreadable(of_checks, read_check):
+        yield _left_out(campaign, "check", entry.at_utc, "")
+    for check in _readable(of_checks, read_check):
         yield Epoch(
             folder=str(campaign.folder),
             kind="check",
@@ -85,6 +117,40 @@ def _epochs(campaign: Campaign) -> Iterator[Epoch]:
             decision=check.decision,
             says=check.says,
         )
+
+
+def _readable(
+    entries: Iterable[Entry[Finding]], read: Callable[[Mapping[str, JsonValue]], ResultT]
+) -> Iterator[ResultT]:
+    """Yield the findings that this version can read."""
+    for entry in entries:
+        with suppress(FindingUnreadable):
+            yield read(entry.record.body)
+
+
+def _unreadable(
+    entries: Iterable[Entry[Finding]], read: Callable[[Mapping[str, JsonValue]], object]
+) -> Iterator[Entry[Finding]]:
+    """Yield the findings that another version wrote in a form that this one cannot read."""
+    for entry in entries:
+        try:
+            read(entry.record.body)
+        except FindingUnreadable:
+            yield entry
+
+
+def _left_out(
+    campaign: Campaign, kind: Literal["campaign", "check"], at_utc: str, renew: str
+) -> Epoch:
+    """Return the row of a finding that cannot be read: its time, and nothing of its contents."""
+    return Epoch(
+        folder=str(campaign.folder),
+        kind=kind,
+        measured_utc=at_utc,
+        decision=None,
+        says="",
+        note=f"left out: another version of the software wrote it in another form{renew}",
+    )
 
 
 def _epoch_of(
@@ -114,12 +180,20 @@ def _epoch_of(
         decision=identification.verdict,
         says="" if has_passed else "; ".join(identification.reasons),
         parameters=tuple(
-            ParameterError(name, measured_utc, parameter.delta, parameter.std, space[name].unit)
+            ParameterError(
+                name,
+                measured_utc,
+                parameter.delta,
+                parameter.std,
+                space[name].unit,
+                identification.is_by_older_model,
+            )
             for name, parameter in identification.parameters.items()
             if has_passed and parameter.free and parameter.std is not None
         ),
         before_mm=before,
         after_mm=after if is_held else None,
+        by_older_model=identification.is_by_older_model,
         unseen_mm=identification.unseen_mm.after.mean_abs if identification.unseen_mm else None,
     )
 

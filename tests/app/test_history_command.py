@@ -10,6 +10,7 @@ import paper_campaign
 import pytest
 from par4_space import par4, with_values
 
+from campaigns.controllers.export import latest_identification
 from campaigns.identification.checking import RecordedCheck
 from campaigns.journal.records import Finding
 
@@ -99,3 +100,66 @@ def test_checks_stand_beside_campaigns(pkmcal, march):
     assert (campaign["kind"], check["kind"]) == ("campaign", "check")
     assert (check["decision"], check["parameters"]) == ("fail", [])
     assert "2: the robot has changed: encoder 2" in pkmcal("history", march.folder).out
+
+
+def append_finding(paper, kind, body):
+    with paper.journal() as journal:
+        journal.append(Finding(kind, body))
+
+
+def by_older_model(paper):
+    """The last identification as older versions wrote it: without what they did not compute."""
+    with paper.journal() as journal:
+        body = latest_identification(journal).document()
+    return {key: body[key] for key in body if key not in ("events", "diagnosis")}
+
+
+def test_results_of_an_older_model_are_marked_until_they_are_renewed(pkmcal, tmp_path):
+    paper = identified_in(tmp_path / "m8", 8)
+    table = tmp_path / "all.csv"
+    assert "older model:" not in pkmcal("history", paper.folder, "--csv", table).out
+    assert "model" not in table.read_text(encoding="utf-8")
+    append_finding(paper, "identification", by_older_model(paper))
+    shown = pkmcal("history", paper.folder, "--csv", table)
+    words = "1: by an older model: figures are not comparable; run `pkmcal identify"
+    assert f"{words} {paper.folder}` again" in shown.out
+    rows = csv.DictReader(table.read_text(encoding="utf-8").splitlines())
+    assert {row["model"] for row in rows} == {"older"}
+    (epoch,) = pkmcal("history", paper.folder, "--json").document["epochs"]
+    assert epoch["by_older_model"]
+    assert epoch["parameters"], "its figures are still shown"
+    # a run since then cannot be identified by the command's advice
+    series = paper.measure("run", paper.plan(1, 0))
+    (older, *_) = pkmcal("history", paper.folder, "--json").document["epochs"]
+    assert series == 2
+    assert older["note"] == "by an older model: figures are not comparable"
+    page = pkmcal("report", paper.folder)
+    assert page.code in (0, 1)
+    html = (paper.folder / "report.html").read_text(encoding="utf-8")
+    assert "Identified by an older model: run" in html
+    assert 'id="course"' not in html
+
+
+def test_the_papers_method_is_no_older_model(pkmcal, tmp_path):
+    paper = paper_campaign.new_campaign(tmp_path / "method")
+    paper.run(pairs=24, unseen=3)
+    paper.identify("paper")
+    assert "older model:" not in pkmcal("history", paper.folder).out
+
+
+def test_findings_in_another_form_are_named_and_left_out(pkmcal, tmp_path):
+    paper = paper_campaign.new_campaign(tmp_path / "m9")
+    paper.run(pairs=20, unseen=3)
+    old = {"schema": "pkmcal/identification/1", "series": 1, "verdict": "pass"}
+    append_finding(paper, "identification", old)
+    append_finding(paper, "check", {"answer": "as it was"})
+    shown = pkmcal("history", paper.folder)
+    words = "left out: another version of the software wrote it in another form"
+    assert f"1: {words}; run `pkmcal identify" in shown.out
+    assert f"2: {words}\n" in shown.out
+    epochs = pkmcal("history", paper.folder, "--json").document["epochs"]
+    assert [(e["kind"], e["decision"]) for e in epochs] == [("campaign", None), ("check", None)]
+    # identified again, the series has a result, and the old one is no longer named
+    paper.identify()
+    kinds = [e["decision"] for e in pkmcal("history", paper.folder, "--json").document["epochs"]]
+    assert sorted(map(str, kinds)) == ["None", "pass"]
