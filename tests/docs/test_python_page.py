@@ -61,10 +61,11 @@ def test_calibration_in_thirty_lines_finds_what_identify_finds(tmp_path, monkeyp
     fitted = fit_model(model, observations_of(alike, near, options))
     # the lines have no scatter of the robot, which weighs products of tilts and places otherwise
     assert (np.abs(ran["x"] - fitted.x) < 0.5 * fitted.std).all()
-    assert ran["std"] == pytest.approx(fitted.std, rel=0.15)
+    is_linear = ran["groups"] != "reflector"
+    assert ran["std"][is_linear] == pytest.approx(fitted.std[is_linear], rel=0.15)
     theirs = identify(alike, ran["robot"])
     std = np.sqrt(np.diag(theirs.posterior.covariance))
     assert (np.abs(ran["x"] - theirs.posterior.mean) < 0.5 * std).all()
-    assert (ran["std"] < 1.05 * std).all()
+    assert (ran["std"] < 1.05 * std)[is_linear].all()
     for group, size in theirs.posterior.sizes.items():
         assert ran["size"][ran["groups"] == group][0] == pytest.approx(size, abs=0.05)
