@@ -14,7 +14,7 @@ the effect's usual size, so that its size ρ is learned as that of a group of pa
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
@@ -137,6 +137,13 @@ class Step(Effect):
         change = np.zeros((self.moved, self.count))
         change[self.places, range(self.count)] = self.usual
         return change
+
+    def with_names(self, before: Sequence[str], names: Sequence[str]) -> Self:
+        """Return the change among unknowns of these names instead of those `before`."""
+        if self.moves == "frame":
+            return self
+        places = tuple(names.index(before[place]) for place in self.places)
+        return replace(self, places=places, moved=len(names))
 
     def covers(self, moments: Array) -> Mask:
         """Return which moments (N,) are within the span."""

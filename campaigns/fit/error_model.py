@@ -257,6 +257,15 @@ class ErrorModel:
                 place += count
         return {group: np.array(indices) for group, indices in places.items()}
 
+    def with_robot(self, nominal: Kinematics, effects: tuple[Effect, ...]) -> "ErrorModel":
+        """Return the model of a robot with other unknowns, and with these effects of this model."""
+        other = replace(self, nominal=nominal, effects=())
+        moved = tuple(
+            effect.with_names(self.names, other.names) if isinstance(effect, Step) else effect
+            for effect in effects
+        )
+        return other.with_effects(moved)
+
     def with_effects(self, effects: tuple[Effect, ...]) -> "ErrorModel":
         """Return the model with these effects instead of its own."""
         return replace(self, effects=effects)

@@ -109,7 +109,7 @@ def with_periods_of_robot(fit: Fit) -> Fit:
             for arm in effect.arms:
                 rates[arm] = rate_in_file(effect.rate, is_revolute=fit.model.is_revolute)
         robot = Kinematics(mechanism.with_ripples(rates), fit.model.nominal.p)
-        fit = refit(fit, replace(fit.model, nominal=robot, effects=effects))
+        fit = refit(fit, fit.model.with_robot(robot, effects))
     return fit
 
 

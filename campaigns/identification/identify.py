@@ -411,8 +411,7 @@ class _JudgedCampaign:
         others = tuple(e for e in fit.model.effects if not isinstance(e, (Ripple, RateError)))
         without = self.likeliest
         if others != fit.model.effects:
-            model = replace(fit.model, nominal=self.nominal, effects=others)
-            without = refit(without, model)
+            without = refit(without, fit.model.with_robot(self.nominal, others))
         periods = scan_periods(without)
         places = np.nan_to_num(self.at_nominal.values[rows, :3])
         return Diagnosis(

@@ -68,4 +68,4 @@ def test_calibration_in_thirty_lines_finds_what_identify_finds(tmp_path, monkeyp
     assert (np.abs(ran["x"] - theirs.posterior.mean) < 0.5 * std).all()
     assert (ran["std"] < 1.05 * std)[is_linear].all()
     for group, size in theirs.posterior.sizes.items():
-        assert ran["size"][ran["groups"] == group][0] == pytest.approx(size, abs=0.05)
+        assert ran["size"][ran["groups"] == group][0] == pytest.approx(size, abs=0.1)

@@ -255,3 +255,14 @@ def test_a_change_between_fitted_and_hold_out_shots_is_named():
     joints[SHOTS // 2 :, 1] += np.radians(0.05)
     (change,) = changes(identified(with_joints(campaign, joints)))
     assert (change.numbers["part"], change.numbers["before_shot"]) == ("encoder 1", SHOTS // 2)
+
+
+def test_a_change_beside_a_period_that_becomes_the_robots_own_is_found(clean):
+    campaign, _ = clean
+    joints = campaign.shots.joints + np.radians(0.5 / 60.0) * np.sin(50.0 * campaign.shots.joints)
+    order = campaign.shots.order_of_time()
+    joints[order[40:], 1] += np.radians(0.05)
+    result = identified(with_joints(campaign, joints))
+    assert result.parameters["ripples_per_turn"].value == pytest.approx(50.0, abs=0.3)
+    (change,) = changes(result)
+    assert change.numbers["part"] == "encoder 1"
