@@ -70,9 +70,9 @@ from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
-SETTLED_TOLERANCES = 0.01
+SETTLED_TOLERANCES = 0.1
 """Distance of a settled fit from where the priors alone would put it along undetermined directions,
-in tolerances."""
+in tolerances: σ there is a tolerance, and a fit ends within 0.1 σ of its minimum."""
 PATTERN_SEED = 1
 """Seed of the permutations with which shots left out are compared: the same data, the same verdict.
 """

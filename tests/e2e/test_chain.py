@@ -62,7 +62,9 @@ def assert_is_identification(document):
 
 def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, planned):
     limits = load_scenario("paper-simulation").acceptance.model_dump()
-    change(planned / "campaign.yaml", {"acceptance": limits})
+    # as many shots as σ of positions needs to be decided by these limits
+    change(planned / "campaign.yaml", {"acceptance": limits, "plan.shots": 36})
+    assert pkmcal("plan", planned).code == 0
     ended = pkmcal("dry-run", planned, "--json")
     assert ended.code == 0, ended.err
     document = ended.document

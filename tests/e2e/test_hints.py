@@ -18,7 +18,7 @@ SCENARIOS = ("drawn-robots", "realistic", "gears")
 """Noise alone on a robot that 22 parameters explain; much that they cannot; ripples, too."""
 WAYS = ("full", "plain", "targets", "imported")
 SMALL = {"plan.shots": 60, "plan.validation_pairs": 10, **SMALL_TESTS}
-QUICK = SMALL | {"plan.shots": 14, "plan.validation_pairs": 3}
+QUICK = SMALL | {"plan.shots": 24, "plan.validation_pairs": 3}
 FASTER = {"speed_up": 3000}
 MOVING = {"run", "validate", "load"}
 """Commands that ask before they move the robot or write into its controller."""
