@@ -71,7 +71,7 @@ SMALLEST_SIZE = 0.4
 it is by the directions that shots determine well: without a least size 6 of 40 robots at their
 tolerances had a parameter more than 4 σ off, with it 1 of 80."""
 LARGEST_SIZE = 10.0
-"""Largest size that is drawn: a larger one is seen by the shots, and no matter of chance."""
+"""Largest size that is drawn, over the likeliest one and over 1: shots determine a larger one."""
 ROUNDS_OF_SIZES = 4
 """Rounds of the sizes of groups in each round of the noise, which costs far more: new weights need
 new normal equations, new sizes only another inverse of them."""
@@ -664,6 +664,7 @@ def _draw_sizes(
     ends = np.cumsum([0, *(len(places) for places in groups.values())])
     spans = [slice(*pair) for pair in pairwise(ends)]
     variances = np.array([fit.sizes[group] ** 2 for group in groups])
+    largest = LARGEST_SIZE**2 * np.maximum(variances, 1.0)
     means, covariance = [], np.zeros((count, count))
     for draw in range(BURNT_DRAWS + DRAWS):
         precision = information.copy()
@@ -681,7 +682,7 @@ def _draw_sizes(
             squares = 1.0 / scale + 0.5 * float((x[span] ** 2).sum())
             shape = 0.5 * (span.stop - span.start + 1)
             drawn = squares / rng.standard_gamma(shape)
-            variances[number] = np.clip(drawn, SMALLEST_SIZE**2, LARGEST_SIZE**2)
+            variances[number] = np.clip(drawn, SMALLEST_SIZE**2, largest[number])
     spread = np.cov(np.array(means).T, bias=True)
     return np.mean(means, axis=0), covariance + spread
 

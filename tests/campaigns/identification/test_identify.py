@@ -8,6 +8,7 @@ from rod_campaigns import SMALL, Errors, rod_campaign, with_joints, with_points
 
 from campaigns.api import sample_workspace
 from campaigns.errors import ShotsInvalid, ShotsMissing
+from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.identification import findings
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
@@ -266,3 +267,20 @@ def test_a_change_beside_a_period_that_becomes_the_robots_own_is_found(clean):
     assert result.parameters["ripples_per_turn"].value == pytest.approx(50.0, abs=0.3)
     (change,) = changes(result)
     assert change.numbers["part"] == "encoder 1"
+
+
+def test_parameters_far_beyond_their_tolerance_are_those_of_the_fit():
+    """Carriages move 25 % further than they read: the reported robot must still fit the shots."""
+    campaign = rod_campaign("linear-delta", SMALL, shots=60, seed=6)
+    shots = with_joints(campaign, campaign.shots.joints / 1.25).shots
+    result = identified(with_joints(campaign, campaign.shots.joints / 1.25))
+    assert "beyond-tolerance" in obstacles(result)
+    assert findings.NOT_REPRODUCED not in obstacles(result)
+    robot = campaign.robot.of(
+        campaign.robot.mechanism, result.flat(), name="found", limits=campaign.robot.limits
+    )
+    rows = shots.rows_of(ShotSet.IDENTIFICATION)
+    poses = robot.kinematics.forward(shots.joints[rows], approach=shots.approach[rows])
+    placed = fit_transform(poses.values_or_raise()[:, :3], shots.points_in_tracker_mm[rows])
+    apart = placed.apply(poses.values[:, :3]) - shots.points_in_tracker_mm[rows]
+    assert np.sqrt((apart**2).sum(axis=1).mean()) < 1.5 * result.residuals_mm.after.rms
