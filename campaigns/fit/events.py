@@ -106,10 +106,10 @@ def explain(model: ErrorModel, observations: Observations, prior: Prior | None =
     # left, and what else there is may show only beside them.
     for _ in LAYERS:
         fit = _with_effects(fit, _hypotheses)
-        layered = _with_effects(fit, _layered, most=1)
+        layered = _grown(fit, _layered, most=1)
         if layered is fit:
             return fit
-        fit = layered
+        fit = _pruned(layered)
     return _with_effects(fit, _hypotheses)
 
 
@@ -156,10 +156,17 @@ def with_steps_of(whole: Fit, fit: Fit) -> Fit:
     return refit(fit, fit.model.with_effects((*others, *steps)))
 
 
-def _with_effects(
-    fit: Fit, hypotheses: Callable[[Fit], Iterable[tuple[Effect, ...]]], *, most: int = MOST_EFFECTS
-) -> Fit:
-    """Add effects as long as the evidence rises, and take out changes that add nothing."""
+Hypotheses = Callable[[Fit], Iterable[tuple[Effect, ...]]]
+"""Proposals of sets of effects, from a fit."""
+
+
+def _with_effects(fit: Fit, hypotheses: Hypotheses) -> Fit:
+    """Add effects as long as the evidence rises, and take out those that add nothing."""
+    return _pruned(_grown(fit, hypotheses))
+
+
+def _grown(fit: Fit, hypotheses: Hypotheses, *, most: int = MOST_EFFECTS) -> Fit:
+    """Add at most so many effects as long as the evidence rises."""
     evidence, count = log_evidence(fit), len(fit.model.effects)
     while len(fit.model.effects) < min(MOST_EFFECTS, count + most):
         trials = [_fit_with(fit, effects) for effects in hypotheses(fit)]
@@ -168,6 +175,12 @@ def _with_effects(
         if best is None or best[1] <= evidence:
             break
         fit, evidence = best
+    return fit
+
+
+def _pruned(fit: Fit) -> Fit:
+    """Take out effects, one by one, without which the evidence does not fall."""
+    evidence = log_evidence(fit)
     for _ in fit.model.effects:
         simpler = _without_superfluous(fit, evidence)
         if simpler is None:
@@ -312,10 +325,8 @@ def visible_changes(fit: Fit) -> dict[str, float]:
     parts = {part: step for part, step in candidate_parts(fit.model).items() if part != FRAME}
     visible: dict[str, float] = {}
     for part, step in parts.items():
-        columns = fit.at.columns_of(step, fit.observations)
-        weighted = fit.weights @ columns
-        shared = np.einsum("nik,niq->kq", weighted, fit.at.jacobian, optimize=True)
-        information = np.einsum("nik,nil->kl", weighted, columns) - shared @ fit.inverse @ shared.T
+        columns = fit.whitened.columns(fit.at.columns_of(step, fit.observations))
+        information = fit.whitened.information(columns)
         least = max(float(np.linalg.eigvalsh(information)[0]), 1e-12)
         needed = np.log(len(parts) * len(USUAL_CHANGES) / ALARM) + 0.5 * np.log1p(least)
         word = part.split()[0]
@@ -481,11 +492,9 @@ def _likely_lag(fit: Fit) -> Iterator[Lag]:
 
 def whole_log_factor(fit: Fit, columns: Array) -> float:
     """Return the log Bayes factor of columns (N, 3, k) over all shots."""
-    weighted = fit.weights @ columns
-    score = np.einsum("nik,ni->k", weighted, fit.residual)[None, :, None]
-    shared = np.einsum("nik,niq->kq", weighted, fit.at.jacobian, optimize=True)
-    alone = np.einsum("nik,nil->kl", weighted, columns, optimize=True)
-    return float(log_bayes_factors(score, (alone - shared @ fit.inverse @ shared.T)[None])[0])
+    whitened = fit.whitened.columns(columns)
+    score = (whitened.T @ fit.whitened.residual)[None, :, None]
+    return float(log_bayes_factors(score, fit.whitened.information(whitened)[None])[0])
 
 
 def events_of(fit: Fit) -> tuple[Event, ...]:
