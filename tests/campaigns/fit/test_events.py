@@ -149,6 +149,14 @@ def test_a_bump_that_was_put_right_is_an_interval_of_the_frame_with_the_motion_o
     assert not event.is_lasting
 
 
+def test_a_large_late_change_is_no_set_of_wrong_shots():
+    """Its shots had no weight before it: a change with none to be estimated from stayed 0."""
+    fit = events.explain(STAND, observed(MODEL, 40, change=encoder_moved(0, 33, 0.03)))
+    (event,) = events.events_of(fit)
+    assert (event.kind, event.parts[0], event.first) == ("change", "encoder 0", 33)
+    assert abs(event.size - 0.03) < 2.0 * event.std + 1e-6
+
+
 def test_a_change_that_looks_like_wrong_shots_is_a_change():
     observations = observed(MODEL, 40, change=encoder_moved(0, 33, 0.01))
     first = fit_model(STAND, observations)
