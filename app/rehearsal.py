@@ -59,8 +59,8 @@ def rehearse(
     identified = identify(campaign, options)
     rehearsal.identification = identified.document()
     show_identification(terminal, identified, campaign.robot.mechanism.parameters)
-    if identified.verdict != "pass":  # such parameters are neither exported nor loaded
-        return rehearsal, identified.reasons
+    if identified.judgement.verdict != "pass":  # such parameters are neither exported nor loaded
+        return rehearsal, identified.judgement.reasons
     heading(terminal, 5, "export")
     if state_of(evaluate(campaign)).to_export == "plain":
         path = export_plain(campaign).path

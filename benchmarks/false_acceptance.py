@@ -66,33 +66,34 @@ def judge(
     except CampaignError as error:
         return type(error).__name__, math.nan, math.nan
     known = measured.now.known() if has_parameters(situation, truth) else {}
-    off, stated = parameter_errors(result, robot, known), result.position_std_mm
+    off, stated = parameter_errors(result, robot, known), result.uncertainty.position_std_mm
     if stated is None:
-        return str(result.verdict), off, math.nan
+        return str(result.judgement.verdict), off, math.nan
     real_um = position_error_um(robot, measured.now, result)
-    return str(result.verdict), off, real_um / (1e3 * stated.rms)
+    return str(result.judgement.verdict), off, real_um / (1e3 * stated.rms)
 
 
 def parameter_errors(result: Any, robot: RobotFile, known: dict[str, float]) -> float:
     """Return the largest error of a parameter in its σ, in the datum of the result."""
-    posterior, table = result.posterior, robot.mechanism.parameters
+    posterior, table = result.uncertainty.posterior, robot.mechanism.parameters
+    parameters = result.value.parameters
     if posterior is None or not known:
         return 0.0
-    names = [name for name in posterior.names if name in result.parameters]
+    names = [name for name in posterior.names if name in parameters]
     tolerance, units = np.array(posterior.tolerances), np.ones(len(posterior.names))
     units[: len(names)] = table.file_unit[table.places(names)]
-    nominal = {name: result.parameters[name].nominal for name in names}
+    nominal = {name: parameters[name].nominal for name in names}
     true = np.zeros(len(posterior.names))
     true[: len(names)] = [known.get(name, nominal[name]) - nominal[name] for name in names]
     true *= units / tolerance
     # what no shot determines is where the priors like it best: the truth, too, is put there
     null = np.array(posterior.undetermined).reshape(-1, len(true)).T
-    groups = [table[n].field.group if n in result.parameters else n for n in posterior.names]
+    groups = [table[n].field.group if n in parameters else n for n in posterior.names]
     precision = np.array([posterior.sizes.get(group, 1.0) for group in groups])[:, None] ** -2
     shares = np.linalg.solve(null.T @ (precision * null), (precision * null).T @ true)
     true = (true - null @ shares) * tolerance / units
     rows = zip(names, true.tolist(), strict=False)
-    fitted = ((result.parameters[name], value) for name, value in rows)
+    fitted = ((parameters[name], value) for name, value in rows)
     return max((abs(p.delta - value) / p.std for p, value in fitted if p.std), default=0.0)
 
 

@@ -179,21 +179,22 @@ def judged(
     measured: Measured, planned: PlannedShots, result: Any, about: dict[str, Any]
 ) -> Outcome:
     """Compare what a result names with the truth."""
-    named = {excluded.shot for excluded in result.excluded if excluded.shot is not None}
-    wrong_findings = [finding.says for finding in result.findings if "wrong" in finding.name]
-    stated = result.position_std_mm
-    rights = [named_rightly(step, result.findings, planned) for step in measured.steps]
+    judgement = result.judgement
+    named = {excluded.shot for excluded in judgement.excluded if excluded.shot is not None}
+    wrong_findings = [finding.says for finding in judgement.findings if "wrong" in finding.name]
+    stated = result.uncertainty.position_std_mm
+    rights = [named_rightly(step, judgement.findings, planned) for step in measured.steps]
     return Outcome(
         **about,
-        verdict=str(result.verdict),
+        verdict=str(judgement.verdict),
         stated_um=None if stated is None else 1e3 * stated.rms,
         found=len(measured.wrong & (named | shots_named(wrong_findings))),
         lost=len(named - measured.wrong),
         parts=sum(right.part for right in rights),
         places=sum(right.place for right in rights),
         sizes=sum(right.size for right in rights),
-        findings=tuple(sorted(label(finding, measured.steps) for finding in result.findings)),
-        says="; ".join(finding.says for finding in result.findings),
+        findings=tuple(sorted(label(finding, measured.steps) for finding in judgement.findings)),
+        says="; ".join(finding.says for finding in judgement.findings),
     )
 
 
@@ -317,7 +318,7 @@ def judge_checks(
     clean = Situation.parse("clean")
     robot = draw_robot(nominal, clean, planned, streams)
     result: Any = identify(measure(nominal, robot, clean, planned, streams).shots, nominal)
-    if result.verdict != "pass":
+    if result.judgement.verdict != "pass":
         return {}
     later = Streams((*streams.key, 1))
     robot = settled_robot(robot, later)
@@ -331,7 +332,7 @@ def judge_checks(
         if not situation.suits(mechanism):
             continue
         measured = measure(nominal, robot, situation, few, later)
-        outcome = check(nominal.kinematics, measured.shots, result.posterior, options)
+        outcome = check(nominal.kinematics, measured.shots, result.uncertainty.posterior, options)
         came[words] = check_label(outcome, measured)
     return came
 

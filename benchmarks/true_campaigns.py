@@ -101,7 +101,8 @@ def position_error_um(nominal: RobotFile, truth: TrueRobot, result: Any) -> floa
 
     Raise `CampaignError` if the result is no robot, `AssemblyLost` if the true one cannot do it.
     """
-    robot = nominal.of(nominal.mechanism, result.flat(), name="identified", limits=nominal.limits)
+    values = result.value.flat()
+    robot = nominal.of(nominal.mechanism, values, name="identified", limits=nominal.limits)
     poses = _workspace(nominal.mechanism.name)
     inverse = robot.kinematics.inverse(poses)
     poses, joints = poses[inverse.is_solved], inverse.values[inverse.is_solved]

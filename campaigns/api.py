@@ -128,7 +128,7 @@ def identify(
             take precedence. Tolerances and workspace that they leave out are the robot's.
 
     Returns:
-        Parameters with their posterior, residuals before and after, findings and verdict;
+        Value, uncertainty, judgement, residuals and provenance (docs/reference/python.md);
         `report()` is a text of all of it, `to_frame()` a table, `plot()` a figure.
 
     Raises:
@@ -170,7 +170,7 @@ def correct_targets(
         poses: Wanted poses (N, t) of the controlled point, mm and rad.
         identified: The robot as it was identified.
         nominal: The robot with the parameters of its controller.
-        layers: Errors that no parameter describes, `result.layers` of the identification.
+        layers: Errors that no parameter describes, `result.value.layers` of the identification.
 
     Returns:
         Poses (N, t) at which the controller makes the joints that the wanted ones need.

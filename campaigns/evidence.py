@@ -288,9 +288,9 @@ class Evaluation:
     def scatter(self) -> RobotScatter:
         """Scatter of the robot: by the identification, else by the latest repeated visits."""
         robot, identification = self.evidence.campaign.robot, self.evidence.identification
-        if identification is not None and (scatter := identification.scatter) is not None:
-            fitted = identification.fitted
-            shots = len(fitted.numbers) if fitted is not None else identification.shots
+        if identification and (scatter := identification.uncertainty.scatter) is not None:
+            fitted = identification.residuals.fitted
+            shots = len(fitted.numbers) if fitted is not None else identification.provenance.shots
             return RobotScatter.identified(scatter.point_mm, scatter.joint, shots, robot.kinematics)
         measured = (*self.evidence.before, *self.evidence.after)
         by_visits = (validation.scatter_of_visits(item.shots) for item in reversed(measured))
@@ -351,19 +351,20 @@ class Evaluation:
     @cached_property
     def verdict(self) -> CampaignVerdict:
         """Verdict on the whole campaign."""
-        identification = self.evidence.identification
+        identification, of_identification = self.evidence.identification, None
+        if identification is not None:
+            judged = identification.judgement
+            of_identification = IdentificationVerdict(
+                judged.verdict, judged.reasons, judged.accepted
+            )
         return campaign_verdict(
-            None
-            if identification is None
-            else IdentificationVerdict(
-                identification.verdict, identification.reasons, identification.accepted
-            ),
+            of_identification,
             self.validated("after"),
             self.checks,
             validated=self.after is not None,
             notes=(*self._held_in_words(), *_limits_set_later(self.evidence)),
             gained=gained_in_words(
-                self.gains, identification.unseen_mm if identification else None
+                self.gains, identification.residuals.unseen_mm if identification else None
             ),
         )
 
@@ -459,7 +460,7 @@ def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
     if identification is not None:
         # Records may have come since; those up to the identification must be as they were. A
         # journal that lost records is compared as far as it goes, and then differs.
-        through = min(identification.journal_records, journal.last_number())
+        through = min(identification.provenance.journal_records, journal.last_number())
         identified_digest = journal.digest(through=through)
     run = _measured(campaign, _identified_series(all_series, identification))
     findings = [entry.record for entry in entries if isinstance(entry.record, Finding)]
@@ -580,7 +581,7 @@ def _identified_series(
         runs = [each for each in measured if not each.of_known_lengths]
         # the latest finished one, or while none is finished the latest of all
         return tuple(sorted(runs, key=lambda series: (series.finished, series.number))[-1:])
-    return tuple(each for each in all_series if each.number == identification.series)
+    return tuple(each for each in all_series if each.number == identification.provenance.series)
 
 
 def _measured(campaign: Campaign, all_series: Iterable[Series]) -> tuple[MeasuredSeries, ...]:
@@ -603,12 +604,12 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
         solution, after = nominal.forward(shots.joints), None
         rows = np.flatnonzero(solution.is_solved)
         shots, before = shots.rows(rows), solution.values[rows]
-    elif identification.modelled is None:  # by the paper's method in an older version
+    elif identification.residuals.modelled is None:  # by the paper's method in an older version
         return None
     else:
         # The identification kept which shots it used and how: options may have moved shots
         # between the sets, or left them out. Its table counts, not the plan's purposes.
-        table = identification.modelled
+        table = identification.residuals.modelled
         if not set(table.numbers) <= set(shots.numbers):  # of a version that averaged no samples
             shots = evidence.run.shots
         rows_by_number = {number: row for row, number in enumerate(shots.numbers)}
@@ -619,7 +620,7 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
         shots=shots,
         before=before,
         after=after,
-        sessions=identification is not None and bool(identification.sessions),
+        sessions=identification is not None and bool(identification.value.sessions),
     )
 
 
@@ -634,7 +635,8 @@ def _checks(evidence: Evidence) -> Iterator[Check]:
     if identification is None:
         yield Check("the results belong to one identification", None, "nothing was identified")
     else:
-        parameters = identification.parameter_set(evidence.campaign.robot.mechanism).digest()
+        mechanism = evidence.campaign.robot.mechanism
+        parameters = identification.value.parameter_set(mechanism).digest()
         yield from _checks_of_bases(evidence, identification)
         yield _check_of_file(evidence, parameters)
         yield from _checks_of_controller(evidence, parameters)
@@ -668,12 +670,12 @@ def _plan_digests_to_compare(evidence: Evidence) -> tuple[str | None, str | None
 
 def _checks_of_bases(evidence: Evidence, identification: RecordedIdentification) -> Iterator[Check]:
     """Yield the checks that nominal robot, journal and settings are those of the identification."""
-    journal = evidence.journal
+    journal, provenance = evidence.journal, identification.provenance
     statement = "the nominal robot is the one that was identified from"
-    yield same_digest(statement, evidence.campaign.robot.digest(), identification.robot_digest)
+    yield same_digest(statement, evidence.campaign.robot.digest(), provenance.robot_digest)
     statement = "the journal is unchanged up to the identification"
     journal_now = None if journal is None else journal.identified_digest
-    yield same_digest(statement, journal_now, identification.journal_digest)
+    yield same_digest(statement, journal_now, provenance.journal_digest)
     statement = "campaign.yaml says what it said when the identification was judged by it"
     if outdated := evidence.campaign.outdated(identification):
         yield Check(statement, holds=False, detail=f"{', '.join(outdated)} changed since")

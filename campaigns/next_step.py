@@ -292,16 +292,16 @@ def state_of(
     # an identification counts only for these shots, this nominal robot and these settings
     if (
         identification is None
-        or identification.series != latest.number
-        or identification.robot_digest != campaign.robot.digest()
-        or identification.journal_records < last_record
+        or identification.provenance.series != latest.number
+        or identification.provenance.robot_digest != campaign.robot.digest()
+        or identification.provenance.journal_records < last_record
         or campaign.outdated(identification)
     ):
         return state
-    if identification.verdict != "pass":
+    if (verdict := identification.judgement.verdict) != "pass":
         remedy, first = remedy_for(identification)
-        return replace(state, verdict=identification.verdict, remedy=remedy, remedy_first=first)
-    identified = identification.parameter_set(campaign.robot.mechanism)
+        return replace(state, verdict=verdict, remedy=remedy, remedy_first=first)
+    identified = identification.value.parameter_set(campaign.robot.mechanism)
     state = replace(state, verdict="pass", check=_answer_to_check(evidence, identified))
     return _with_controller(
         evaluation, identified, _with_file_to_load(evidence, identified, state), held
@@ -365,11 +365,12 @@ def remedy_for(identification: RecordedIdentification) -> tuple[str, str]:
     """
     # An option is advised only if the identification had none. Advice replaces typed options, so
     # that a second option would silently drop the first.
-    name = next(iter(identification.obstacles), "")
-    of_name = [each.numbers for each in identification.findings if each.name == name]
+    judgement, provenance = identification.judgement, identification.provenance
+    name = next(iter(judgement.obstacles), "")
+    of_name = [each.numbers for each in judgement.findings if each.name == name]
     numbers = next(iter(of_name), {})
     first = "mend what the findings name, and measure again"
-    if identification.asked or identification.pedigree is not None:
+    if provenance.asked or provenance.pedigree is not None:
         return "", first
     match name:
         case findings.BEYOND_TOLERANCE if numbers.get("parameter") not in TRACKER_SOURCES:

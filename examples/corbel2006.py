@@ -93,13 +93,14 @@ Quantities = dict[str, float]
 
 def quantities(evaluation: Evaluation, truth: Mapping[str, float]) -> Quantities:
     """Figures of one seed by their names in `GROUPS`, and each parameter's error by its name."""
-    found, errors = evaluation.evidence.identification, evaluation.errors
-    assert found is not None
+    identification, errors = evaluation.evidence.identification, evaluation.errors
+    assert identification is not None
     assert errors is not None
     assert errors.fitted is not None
     assert errors.unseen is not None
     assert errors.fitted.after_mm is not None
     assert errors.unseen.after_mm is not None
+    found = identification.value
     deltas = {name: found.parameters[name].delta for name in found.free}
     missed = {name: abs(found.parameters[name].value - truth[name]) for name in found.free}
     lengths = [size for name, size in missed.items() if name.endswith("_mm")]

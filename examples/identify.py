@@ -48,9 +48,9 @@ print(found)
 
 # %%
 print(found.report())
-for name in found.free:
+for name in found.value.free:
     if name.endswith(("arm_mm", "plate_mm")):
-        parameter = found.parameters[name]
+        parameter = found.value.parameters[name]
         wrong = (parameter.value - true.parameters[name]) / parameter.std
         print(f"{name:24} {parameter.value:10.4f} ± {parameter.std:.4f}  ({wrong:+.1f} σ off)")
 found.plot().savefig("identify.svg")

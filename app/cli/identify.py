@@ -38,7 +38,7 @@ def command(
     """
     with terminal.telling("identifying"):
         result = update_by_check(campaign) if update else identify(campaign, options)
-    terminal.detail(f"model {result.model}, {result.seconds:.2f} s")
+    terminal.detail(f"model {result.provenance.model}, {result.provenance.seconds:.2f} s")
     show_identification(terminal, result, campaign.robot.mechanism.parameters)
     following = tell_next(terminal, campaign)
-    terminal.conclude(result.document(), following, is_good=result.verdict == "pass")
+    terminal.conclude(result.document(), following, is_good=result.judgement.verdict == "pass")

@@ -45,12 +45,12 @@ class Course:
     def of(cls, evidence: Evidence) -> "Course | None":
         """Return the course of the identified campaign; None without a diagnosis."""
         identification = evidence.identification
-        if identification is None or identification.diagnosis is None:
+        if identification is None or identification.judgement.diagnosis is None:
             return None
-        diagnosis = identification.diagnosis
+        diagnosis = identification.judgement.diagnosis
         numbers = diagnosis.numbers
         # an update fitted the shots of a check, which have numbers of their own
-        if evidence.run is not None and identification.pedigree is None:
+        if evidence.run is not None and identification.provenance.pedigree is None:
             stops = evidence.run.stops
             rows = stops.rows_of(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
             in_time = [row for row in stops.order_of_time().tolist() if row in set(rows.tolist())]
@@ -62,7 +62,7 @@ class Course:
     @property
     def has_slow_stand(self) -> bool:
         """Whether the slow motion of the stand is more than noise."""
-        return any(finding.name == STAND for finding in self.identification.findings)
+        return any(finding.name == STAND for finding in self.identification.judgement.findings)
 
     @property
     def has_period(self) -> bool:
@@ -108,7 +108,7 @@ class Course:
     def caption(self) -> str:
         """Describe the panels that are drawn."""
         sentences = ["Shots in the order of time: errors by the identified model."]
-        if self.has_slow_stand or self.identification.events:
+        if self.has_slow_stand or self.identification.judgement.events:
             sentences = [f"{sentences[0][:-1]}, without the motions and changes that were found."]
         if any(self._events("wrong shot")):
             sentences.append("Crosses: wrong shots, by how far off they are.")
@@ -130,7 +130,7 @@ class Course:
 
     def _events(self, kind: str) -> Iterator[Event]:
         """Yield the events of a kind whose shots are on the axis of time."""
-        for event in self.identification.events:
+        for event in self.identification.judgement.events:
             if event.kind == kind and {event.first, event.last} <= {*self.numbers}:
                 yield event
 
@@ -154,7 +154,7 @@ class Course:
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.yaxis.labelpad = 1.0  # numbers such as 0.001 leave little room
-        if (fitted := identification.fitted) is not None:
+        if (fitted := identification.residuals.fitted) is not None:
             sizes_mm = np.maximum(np.linalg.norm(fitted.after, axis=1), SMALLEST_MM)
             places = self._places(fitted.numbers)
             axes.plot(places, sizes_mm, "o", color=AFTER, markersize=2.4, label="fitted")
@@ -181,7 +181,8 @@ class Course:
 
     def _hold_out_pairs(self) -> list[tuple[float, float]]:
         """Return place in time and error of distance of each hold-out pair, mm."""
-        unseen, modelled = self.identification.unseen, self.identification.modelled
+        residuals = self.identification.residuals
+        unseen, modelled = residuals.unseen, residuals.modelled
         if unseen is None or unseen.of != "pairs" or modelled is None:
             return []
         rows = zip(modelled.pairs, modelled.purposes, modelled.numbers, strict=True)
@@ -215,7 +216,7 @@ class Course:
 
     def _sessions(self) -> Iterator[list[int]]:
         """Yield the rows of the diagnosis by session."""
-        sessions = [{*session.shots} for session in self.identification.sessions]
+        sessions = [{*session.shots} for session in self.identification.value.sessions]
         for shots in sessions or [{*self.diagnosis.numbers}]:
             rows = [row for row, number in enumerate(self.diagnosis.numbers) if number in shots]
             if rows:
@@ -249,7 +250,7 @@ class Course:
         axes.axhline(
             NAMED_LOG_ODDS, color=INK, linewidth=0.8, linestyle="--", label="log 100: named"
         )
-        for finding in self.identification.findings:
+        for finding in self.identification.judgement.findings:
             if finding.name == PERIOD:
                 rate = float(finding.numbers["rate"])
                 place = rate if self.is_revolute else 2.0 * np.pi / rate
@@ -271,9 +272,9 @@ class Course:
             yield axes
 
     def _frame_of(self, number: int) -> Transform:
-        sessions = self.identification.sessions
         """Return the transform from the base to the tracker at a shot."""
-        of_session = (s.frame for s in sessions if s.frame is not None and number in s.shots)
-        frame: Frame | None = next(of_session, self.identification.frame)
+        value = self.identification.value
+        of_session = (s.frame for s in value.sessions if s.frame and number in s.shots)
+        frame: Frame | None = next(of_session, value.frame)
         assert frame is not None, "a result with a diagnosis has a frame"
         return frame.tracker_from_base

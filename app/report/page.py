@@ -134,7 +134,7 @@ def _missing(evaluation: Evaluation) -> Iterator[str]:
         yield "Too few shots of pairs to fit a frame: errors of position cannot be shown."
     if identification is None:
         yield "Nothing has been identified yet: `pkmcal identify`."
-    elif identification.covariance is None:
+    elif identification.uncertainty.covariance is None:
         yield "The identification states no correlations."
     command = "import" if run and run.series.started.imported else "validate"
     for stage, result in (("before", evaluation.before), ("after", evaluation.after)):

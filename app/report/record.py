@@ -98,11 +98,12 @@ def _reflector(evidence: Evidence) -> str:
 
 
 def _method(identification: RecordedIdentification) -> str:
-    fitted, held_out = identification.fitted, identification.unseen
-    shots = f"{len(fitted.numbers)} {fitted.of}" if fitted else f"{identification.shots} shots"
+    residuals, provenance = identification.residuals, identification.provenance
+    fitted, held_out = residuals.fitted, residuals.unseen
+    shots = f"{len(fitted.numbers)} {fitted.of}" if fitted else f"{provenance.shots} shots"
     proof = f", validated on {len(held_out.numbers)} pairs that were not fitted" if held_out else ""
-    parameters = f"{len(identification.free)} parameters"
-    return f"identification of {parameters} from {shots} (model {identification.model}){proof}"
+    parameters = f"{len(identification.value.free)} parameters"
+    return f"identification of {parameters} from {shots} (model {provenance.model}){proof}"
 
 
 def certificate_lacks(evaluation: Evaluation) -> list[str] | None:
@@ -210,7 +211,7 @@ def tracker_section(evaluation: Evaluation) -> Section:
     )
     if identification is not None:
         title = "Errors of the tracker, as identified"
-        section.table(title, tables.TRACKER_ERRORS, identification.tracker.items())
+        section.table(title, tables.TRACKER_ERRORS, identification.value.tracker.items())
         section.table(
             "Robot's base in the tracker's frame",
             FRAMES,
@@ -235,11 +236,12 @@ def tracker_section(evaluation: Evaluation) -> Section:
 
 def _frames(identification: RecordedIdentification) -> list[tuple[str, Frame]]:
     """Return the fitted frames and the shots of each, one row for each session with a frame."""
-    if not identification.sessions:
-        return [("all", identification.frame)] if identification.frame else []
+    value = identification.value
+    if not value.sessions:
+        return [("all", value.frame)] if value.frame else []
     return [
         (f"{min(session.shots)} to {max(session.shots)}", session.frame)
-        for session in identification.sessions
+        for session in value.sessions
         if session.frame
     ]
 
@@ -248,8 +250,8 @@ def incidents_section(evaluation: Evaluation) -> Section:
     """Return the section on excluded shots and events."""
     section = Section("incidents", "Excluded shots and events")
     journal, identification = evaluation.evidence.journal, evaluation.evidence.identification
-    excluded = identification.excluded if identification else ()
-    events = identification.events if identification else ()
+    excluded = identification.judgement.excluded if identification else ()
+    events = identification.judgement.events if identification else ()
     of_course = {event.first for event in events if event.leaves_out}
     others = [row for row in excluded if row.shot not in of_course]
     rows_left_out = [(row.what, row.reason) for row in others]
@@ -340,8 +342,8 @@ def _digests(evidence: Evidence, journal: JournalFacts) -> Iterator[Row]:
     yield f"journal, all {journal.records} records", journal.digest
     if identification is not None:
         yield (
-            f"journal, first {identification.journal_records} records",
-            identification.journal_digest,
+            f"journal, first {identification.provenance.journal_records} records",
+            identification.provenance.journal_digest,
         )
     if run is not None:
         started = run.series.started

@@ -53,8 +53,8 @@ def gain_section(evaluation: Evaluation) -> Section:
         if stage is not None and stage.series_in_words:
             section.note(f"{name}: {stage.series_in_words}.")
     identification = evaluation.evidence.identification
-    if identification is not None and identification.hold_out is not None:
-        section.text(f"hold-out test: {tables.hold_out_in_words(identification.hold_out)}")
+    if identification is not None and (test := identification.judgement.hold_out) is not None:
+        section.text(f"hold-out test: {tables.hold_out_in_words(test)}")
     if pairs := tables.pair_groups(evaluation):
         section.figure(
             "pair-errors",
@@ -149,29 +149,29 @@ def parameters_section(evaluation: Evaluation) -> Section:
     if identification is None:
         return section
     section.text(*tables.in_words(identification))
-    if not identification.findings:
+    if not identification.judgement.findings:
         section.note("The identification has no findings.")
     section.table(
         "Findings of the identification",
         tables.FINDINGS,
-        identification.findings,
+        identification.judgement.findings,
         "Accepted: somebody took the result with it (`--force`).",
     )
     table = evaluation.evidence.campaign.robot.mechanism.parameters
     section.table(
         "Parameters old and new",
         tables.parameters(table),
-        identification.parameters.items(),
+        identification.value.parameters.items(),
         "σ: one standard deviation. Within U: |Δ| is not larger than U = 2 σ, so no change is "
         "shown. Held: not fitted, kept at nominal.",
     )
     section.table(
         "Determined by no shot, and kept at nominal",
         [words("parameter, or combination of parameters", ", ".join)],
-        identification.undetermined,
+        identification.value.undetermined,
     )
-    if identification.covariance is not None:
-        geometry = _of_geometry(identification.covariance, table)
+    if (covariance := identification.uncertainty.covariance) is not None:
+        geometry = _of_geometry(covariance, table)
         section.table("Strongest correlations", tables.CORRELATIONS, geometry.strongest(8))
         section.figure(
             "correlations",
@@ -191,11 +191,11 @@ def course_section(evaluation: Evaluation) -> Section:
     section.table(
         "Wrong shots and changes",
         tables.events(revolute=course.is_revolute),
-        course.identification.events,
+        course.identification.judgement.events,
         "Wrong shot: by how far it is off where all others put it. Change: the component that is "
         "largest in its σ, of all parts that explain it nearly as well. U is 2 σ.",
     )
-    if not course.identification.events:
+    if not course.identification.judgement.events:
         section.text("no shot contradicts the others, and no part changed")
     if not course.has_slow_stand:
         section.text(course.stand_in_words)
@@ -217,7 +217,7 @@ def budget_section(evaluation: Evaluation) -> Section:
     """Return the section on the uncertainty of positions."""
     section = Section("budget", "Uncertainty of positions")
     identification: IdentificationResult | None = evaluation.evidence.identification
-    if identification is None or not identification.budget:
+    if identification is None or not identification.uncertainty.budget:
         return section
     section.table(
         "Uncertainty budget of positions",

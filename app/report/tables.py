@@ -185,7 +185,7 @@ def pair_groups(evaluation: Evaluation) -> list[PairGroup]:
 def error_rows(evaluation: Evaluation) -> Iterator[tuple[str, str, ErrorSummary]]:
     """Yield the errors before and after: of what, stage, summary."""
     identification = evaluation.evidence.identification
-    fitted = identification.fitted if identification else None
+    fitted = identification.residuals.fitted if identification else None
     shots = fitted if fitted and fitted.of == "shots" else None
     results = evaluation.before, evaluation.after
     compared = {
@@ -317,7 +317,7 @@ def _shots_of(event: Event) -> str:
 def budget_rows(identification: IdentificationResult) -> list[tuple[str, str, float]]:
     """Return source, type and 1 σ of positions, the largest first, and their combination."""
     # the shares are independent, so they add up in squares (GUM 5.1.2)
-    shares = sorted(identification.budget, key=lambda share: -share.mm)
+    shares = sorted(identification.uncertainty.budget, key=lambda share: -share.mm)
     combined = math.sqrt(sum(share.mm**2 for share in shares))
     rows = [(share.words, share.kind, share.mm) for share in shares]
     return [*rows, ("combined", "", combined)]
@@ -325,7 +325,7 @@ def budget_rows(identification: IdentificationResult) -> list[tuple[str, str, fl
 
 def positions_in_words(identification: IdentificationResult) -> Iterator[str]:
     """Yield the uncertainty of positions and the region that it is valid for."""
-    std = identification.position_std_mm
+    std = identification.uncertainty.position_std_mm
     if std is not None:
         sentence = (
             f"predicted σ of positions over the workspace: {std.mean:.4f} mm on average, "
@@ -334,8 +334,8 @@ def positions_in_words(identification: IdentificationResult) -> Iterator[str]:
         if std.left_out:
             sentence += f", without {std.left_out} of its poses, which this robot cannot take"
         yield sentence
-    if identification.region is not None:
-        yield identification.region.says
+    if (region := identification.uncertainty.region) is not None:
+        yield region.says
 
 
 def hold_out_in_words(test: HoldOut) -> str:
@@ -349,10 +349,11 @@ def hold_out_in_words(test: HoldOut) -> str:
 
 def undetermined_in_words(identification: IdentificationResult) -> Iterator[str]:
     """Yield which single parameters no shot determines, and how many combinations of several."""
-    alone = [names[0] for names in identification.undetermined if len(names) == 1]
+    undetermined = identification.value.undetermined
+    alone = [names[0] for names in undetermined if len(names) == 1]
     if alone:
         yield f"no shot determines {', '.join(alone)}: kept at nominal"
-    together = len(identification.undetermined) - len(alone)
+    together = len(undetermined) - len(alone)
     if together:
         yield (
             f"no shot determines {together} combinations of parameters, such as motions of the "
@@ -367,14 +368,15 @@ def in_words(identification: RecordedIdentification) -> Iterator[str]:
             "identified by an older model: run `pkmcal identify DIR` again for what this version's "
             "model shows"
         )
-    settled = "settled" if identification.converged else "did not settle"
-    rounds = f"the fit {settled} after {identification.iterations} rounds"
-    yield f"model {identification.model}: {rounds}"
-    if identification.scatter is not None:
-        yield identification.scatter.says
-    if identification.reference_degC is not None:
-        yield f"parameters are those at {identification.reference_degC:g} °C"
-    if (pedigree := identification.pedigree) is not None:
+    provenance = identification.provenance
+    settled = "settled" if provenance.converged else "did not settle"
+    rounds = f"the fit {settled} after {provenance.iterations} rounds"
+    yield f"model {provenance.model}: {rounds}"
+    if (scatter := identification.uncertainty.scatter) is not None:
+        yield scatter.says
+    if (reference_degC := identification.value.reference_degC) is not None:
+        yield f"parameters are those at {reference_degC:g} °C"
+    if (pedigree := provenance.pedigree) is not None:
         before_mm = pedigree.position_std_before_mm
         before = "" if before_mm is None else f"; σ of positions was {before_mm:.4f} mm on average"
         series = ", ".join(map(str, pedigree.series))

@@ -38,36 +38,33 @@ def show_identification(
     """Show parameters, errors, budget, findings, and the verdict last."""
     # The full model has dozens of parameters of imperfect parts and drives. Those within U of
     # nominal are only counted.
-    free = [(name, identification.parameters[name]) for name in identification.free]
+    value, judgement = identification.value, identification.judgement
+    residuals = identification.residuals
+    free = [(name, value.parameters[name]) for name in value.free]
     listed = [(name, p) for name, p in free if name in table.names or tables.is_shown(p)]
     terminal.rows("Parameters (mm, deg, ppm)", COLUMNS, listed)
     if others := len(free) - len(listed):
         terminal.say(f"{others} parameters of imperfect parts and drives are within U of nominal")
-    of_pairs = identification.fitted is not None and identification.fitted.of == "pairs"
+    of_pairs = residuals.fitted is not None and residuals.fitted.of == "pairs"
     fitted = "distances of fitted pairs" if of_pairs else "positions of fitted shots"
-    errors = {
-        fitted: identification.residuals_mm,
-        "distances of hold-out pairs": identification.unseen_mm,
-    }
+    errors = {fitted: residuals.residuals_mm, "distances of hold-out pairs": residuals.unseen_mm}
     rows = [(name, sizes) for name, sizes in errors.items() if sizes is not None]
     terminal.rows("Errors (mm)", ERRORS, rows)
-    if identification.budget:
+    if identification.uncertainty.budget:
         title = "Uncertainty of positions, 1 σ, rms over the workspace"
         terminal.rows(title, tables.BUDGET, tables.budget_rows(identification))
-    if identification.tracker:
-        terminal.rows(
-            "Errors of the tracker", tables.TRACKER_ERRORS, identification.tracker.items()
-        )
+    if value.tracker:
+        terminal.rows("Errors of the tracker", tables.TRACKER_ERRORS, value.tracker.items())
     for line in _sentences(identification):
-        if line not in identification.reasons:  # reasons stand below the verdict
+        if line not in judgement.reasons:  # reasons stand below the verdict
             terminal.say(line)
     for line in _left_out(identification):
         terminal.say(f"left out: {line}", WARNING)
-    for finding in identification.findings:
+    for finding in judgement.findings:
         if not (finding.affects_verdict or _is_listed(finding, identification)):
             terminal.say(f"{finding.says}{' (accepted)' if finding.accepted else ''}", WARNING)
-    terminal.say(f"verdict: {identification.verdict}", DECISIONS[identification.verdict])
-    for reason in identification.reasons:
+    terminal.say(f"verdict: {judgement.verdict}", DECISIONS[judgement.verdict])
+    for reason in judgement.reasons:
         terminal.say(f"  {reason}")
 
 
@@ -75,8 +72,9 @@ def show_identification(
 # finding that only counts them adds nothing, and is left out unless they have something in common.
 def _left_out(identification: RecordedIdentification) -> Iterator[str]:
     """Yield each shot and pair that was left out, with the reason, and what to do about it."""
-    event_of = {event.first: event for event in identification.events if event.leaves_out}
-    for excluded in identification.excluded:
+    judgement = identification.judgement
+    event_of = {event.first: event for event in judgement.events if event.leaves_out}
+    for excluded in judgement.excluded:
         event = None if excluded.shot is None else event_of.get(excluded.shot)
         if event is None:
             yield f"{excluded.what}: {excluded.reason}"
@@ -89,14 +87,14 @@ def _left_out(identification: RecordedIdentification) -> Iterator[str]:
 
 def _is_listed(finding: Finding, identification: RecordedIdentification) -> bool:
     """Return whether a finding only counts shots that have a line each."""
-    is_listed = any(event.leaves_out for event in identification.events)
+    is_listed = any(event.leaves_out for event in identification.judgement.events)
     return finding.name == WRONG_SHOTS and is_listed and "pattern" not in finding.numbers
 
 
 def _sentences(identification: RecordedIdentification) -> Iterator[str]:
     yield from tables.in_words(identification)
-    if identification.hold_out is not None:
-        yield tables.hold_out_in_words(identification.hold_out)
+    if (test := identification.judgement.hold_out) is not None:
+        yield tables.hold_out_in_words(test)
     yield from tables.positions_in_words(identification)
     yield from tables.undetermined_in_words(identification)
 

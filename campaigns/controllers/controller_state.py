@@ -82,7 +82,7 @@ class KnownSets:
             with suppress(FindingUnreadable, ConfigInvalid, ValidationError, KeyError):
                 if finding.kind == "identification":
                     identification = read_identification(finding.body)
-                    parameters = identification.parameter_set(nominal.mechanism)
+                    parameters = identification.value.parameter_set(nominal.mechanism)
                     sets[parameters.digest()] = parameters
                     # taken out first, so that a set that is found again becomes the latest one
                     identified.pop(parameters.digest(), None)

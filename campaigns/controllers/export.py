@@ -97,24 +97,26 @@ def compensated_robot(
     require_usable(nominal, identification)
     robot, provenance = nominal.robot, _provenance(campaign, nominal, identification, controller)
     name = f"{robot.name}-compensated"
-    parameters, values = identification.parameter_set(robot.mechanism), identification.flat()
+    value = identification.value
+    parameters, values = value.parameter_set(robot.mechanism), value.flat()
     # Lengths are those at the reference temperature. Expansions by warmth are no parameters of a
     # controller: the file states them beside the set, and they are not part of its digest.
     growth = parameters.table.select(Role.GROWTH)
-    expansions = {each: values[each] for each in growth if each in identification.free}
-    reference = identification.reference_degC if expansions else None
+    expansions = {each: values[each] for each in growth if each in value.free}
+    reference = value.reference_degC if expansions else None
     return compensated(nominal, name, parameters, provenance, expansions, reference)
 
 
 def require_usable(nominal: RobotDocument, identification: RecordedIdentification) -> None:
     """Raise `VerdictBad` unless a result passed and rests on this very nominal robot."""
-    if identification.verdict != "pass":
-        reasons = "; ".join(identification.reasons)
+    judgement = identification.judgement
+    if judgement.verdict != "pass":
+        reasons = "; ".join(judgement.reasons)
         raise VerdictBad(
-            f"the identification's verdict is '{identification.verdict}': {reasons}",
+            f"the identification's verdict is '{judgement.verdict}': {reasons}",
             remedy="measure more or correct the campaign, then identify again",
         )
-    if identification.robot_digest != nominal.robot.digest():
+    if identification.provenance.robot_digest != nominal.robot.digest():
         raise VerdictBad(
             "the identification rests on another nominal robot than the campaign's file holds now",
             remedy="bring the robot file back, or identify again",
@@ -135,7 +137,7 @@ def _provenance(
         "nominal_robot": nominal.robot.name,
         "nominal_digest": nominal.robot.digest(),
         "controller_serial": controller.serial or None if controller else None,
-        "identified_utc": identification.at_utc,
+        "identified_utc": identification.provenance.at_utc,
         **{key: document[key] for key in KEPT_AS_PROVENANCE},
-        **({"pedigree": document["pedigree"]} if identification.pedigree else {}),
+        **({"pedigree": document["pedigree"]} if identification.provenance.pedigree else {}),
     }

@@ -21,7 +21,7 @@ import numpy as np
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
-from campaigns.evaluation.decision import Decision, allows_decision
+from campaigns.evaluation.decision import allows_decision
 from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
 from campaigns.fit.effects import Layer, RateError, Ripple, Walk
@@ -49,7 +49,7 @@ from campaigns.identification.known_lengths import KnownLengths, known_lengths
 from campaigns.identification.observations import error_model, fitted_sessions, observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.paper import identify_as_paper
-from campaigns.identification.positions import Positions, uncertainty_of_positions
+from campaigns.identification.positions import uncertainty_of_positions
 from campaigns.identification.repeats import repeating_share
 from campaigns.identification.result import (
     Diagnosis,
@@ -57,13 +57,18 @@ from campaigns.identification.result import (
     Frame,
     IdentificationResult,
     IdentifiedParameter,
+    Judgement,
     ModelledTable,
     ParameterCovariance,
+    Provenance,
+    Residuals,
     ResidualTable,
     Scatter,
     SessionFrame,
     StoredLayer,
     StoredPosterior,
+    Uncertainty,
+    Value,
     identified_parameters,
 )
 from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
@@ -181,18 +186,19 @@ def update(
     result = campaign.make_result(None)
     misfit = misfit_of(fit)
     says = f"updated by {len(shots)} shots of a check {misfit.in_words()}"
-    findings_left = [f for f in result.findings if f.name != NOTHING_UNSEEN]
+    findings_left = [f for f in result.judgement.findings if f.name != NOTHING_UNSEEN]
     if misfit.is_significant:
         words = f"{says}: the shots contradict it, measure a campaign again"
         findings_left.append(Finding(findings.CONTRADICTS, words, "fail"))
-    obstacles = _obstacles(findings_left)
-    return replace(
-        result,
-        findings=tuple(findings_left),
-        verdict=_decide(obstacles),
-        reasons=(says, *(finding.says for finding in obstacles)),
-        obstacles=tuple(finding.name for finding in obstacles),
+    judged = Judgement.of(findings_left)
+    judgement = replace(
+        result.judgement,
+        findings=judged.findings,
+        verdict=judged.verdict,
+        reasons=(says, *judged.reasons),
+        obstacles=judged.obstacles,
     )
+    return replace(result, judgement=judgement)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -231,58 +237,51 @@ class _JudgedCampaign:
         left_out = [event.first for event in self.events if event.leaves_out]
         unseen = unseen_pairs(fit, shots, self.at_nominal, solution, self.observations, left_out)
         ratio = 1.0 if unseen.test is None else unseen.test.applied_ratio
-        positions = None
+        positions = Uncertainty()
         if options.workspace is not None:
             repeating = repeating_share(fit, shots, self.observations)
             positions = uncertainty_of_positions(
                 fit, identified, options.workspace, ratio, repeating
             )
-        region = None if positions is None else positions.region
         residuals = self._residuals(fit)
         all_findings = (
             *self._collect_findings(fit, null, unseen, positions, residuals),
             *([] if lengths is None else lengths.findings),
         )
-        obstacles = _obstacles(all_findings)
-        reasons = tuple(finding.says for finding in obstacles)
-        if not obstacles:
-            reasons = tuple(_gains(residuals, unseen.errors, region))
         frames = tuple(map(Frame.of, fit.at.frames))
+        modelled = self._modelled(fit, solution, unseen.rows)
+        effects = zip(fit.model.effects, fit.model.effect_places, strict=True)
         return IdentificationResult(
-            model="full",
-            converged=fit.has_converged,
-            iterations=fit.rounds,
-            parameters=self._parameters(fit, null, stated) | self._rates(fit),
-            undetermined=null.names,
-            scatter=self._scatter(fit),
-            sizes={group: float(size) for group, size in fit.sizes.items()},
-            tracker=self._tracker(fit),
-            residuals_mm=residuals.summary(),
-            unseen_mm=None if unseen.errors is None else unseen.errors.summary(),
-            fitted=residuals,
-            unseen=unseen.errors,
-            modelled=self._modelled(fit, solution, unseen.rows),
-            events=self.events,
-            layers=tuple(
-                StoredLayer.of(effect, fit.at.x[where])
-                for effect, where in zip(fit.model.effects, fit.model.effect_places, strict=True)
-                if isinstance(effect, Layer)
+            value=Value(
+                parameters=self._parameters(fit, null, stated) | self._rates(fit),
+                undetermined=null.names,
+                sizes={group: float(size) for group, size in fit.sizes.items()},
+                tracker=self._tracker(fit),
+                layers=tuple(
+                    StoredLayer.of(effect, fit.at.x[where])
+                    for effect, where in effects
+                    if isinstance(effect, Layer)
+                ),
+                frame=frames[0],
+                sessions=self._sessions(frames) if options.sessions else (),
+                reference_degC=options.reference_degC if fit.model.with_growth else None,
             ),
-            diagnosis=self._diagnosis(fit),
-            excluded=(*_left_out(self.events, shots), *unseen.lost),
-            covariance=self._covariance(fit, null, ratio),
-            position_std_mm=None if positions is None else positions.std,
-            budget=positions.shares if positions else (),
-            region=region,
-            hold_out=unseen.test,
-            findings=all_findings,
-            frame=frames[0],
-            sessions=self._sessions(frames) if options.sessions else (),
-            reference_degC=options.reference_degC if fit.model.with_growth else None,
-            posterior=self._posterior_to_store(fit, null),
-            verdict=_decide(obstacles),
-            reasons=reasons,
-            obstacles=tuple(finding.name for finding in obstacles),
+            uncertainty=replace(
+                positions,
+                scatter=self._scatter(fit),
+                covariance=self._covariance(fit, null, ratio),
+                posterior=self._posterior_to_store(fit, null),
+            ),
+            judgement=Judgement.of(
+                all_findings,
+                _gains(residuals, unseen.errors, positions.region),
+                hold_out=unseen.test,
+                events=self.events,
+                diagnosis=self._diagnosis(fit),
+                excluded=(*_left_out(self.events, shots), *unseen.lost),
+            ),
+            residuals=Residuals.of(residuals, unseen.errors, modelled),
+            provenance=Provenance("full", fit.has_converged, fit.rounds),
         )
 
     @property
@@ -446,7 +445,7 @@ class _JudgedCampaign:
         fit: Fit,
         null: NullDirections,
         unseen: UnseenPairs,
-        positions: Positions | None,
+        positions: Uncertainty,
         residuals: ResidualTable,
     ) -> Iterator[Finding]:
         options = self.options
@@ -461,7 +460,7 @@ class _JudgedCampaign:
             yield finding.accept(accepted)
         yield from findings.scatter_findings(fit)
         yield from findings.effect_findings(fit)
-        numbers = self._numbers_in_time()
+        numbers = np.array(self.shots.numbers)[self._judged_rows].tolist()
         yield from findings.change_findings(self.events, numbers, revolute=fit.model.is_revolute)
         sets = [
             np.array(self.shots.numbers)[self.shots.rows_of(purpose)].tolist()
@@ -484,9 +483,8 @@ class _JudgedCampaign:
                 "--hold-out 20%` keeps some of the shots for it"
             )
             yield Finding(findings.NOTHING_UNSEEN, says, "not decided")
-        region = None if positions is None else positions.region
         yield from findings.position_findings(
-            region,
+            positions.region,
             self._obstacle_of_positions(positions, unseen, residuals),
             was_asked=options.workspace is not None,
         )
@@ -516,26 +514,25 @@ class _JudgedCampaign:
             yield Finding(findings.NOT_REPRODUCED, says, "fail", {"mm": size})
 
     def _obstacle_of_positions(
-        self, positions: Positions | None, unseen: UnseenPairs, residuals: ResidualTable
+        self, positions: Uncertainty, unseen: UnseenPairs, residuals: ResidualTable
     ) -> str | None:
         """Return why σ of positions allows no decision; None if it does, or is unknown."""
-        if positions is None:
+        if (std := positions.position_std_mm) is None:
             return None
         before = (residuals if unseen.errors is None else unseen.errors).summary().before
         # limits are of distances, along which each end has a third of its variance in space
-        std_of_distance = positions.std.rms * (2.0 / 3.0) ** 0.5
+        std_of_distance = std.rms * (2.0 / 3.0) ** 0.5
         return allows_decision(std_of_distance, self.options.limits_mm, before.rms)
 
-    def _numbers_in_time(self) -> list[int]:
-        """Return the numbers of the shots for identification and hold-out, in the order of time."""
+    @property
+    def _judged_rows(self) -> Index:
+        """Rows of the shots for identification and hold-out, in the order of time."""
         sets = (ShotSet.IDENTIFICATION, ShotSet.VALIDATION, ShotSet.CHECK)
-        rows = _rows_in_time(self.shots, self.observations, *sets)
-        return np.array(self.shots.numbers)[rows].tolist()  # type: ignore[no-any-return]  # numpy's
+        return _rows_in_time(self.shots, self.observations, *sets)
 
     def _pattern(self) -> Literal["series", "region"] | None:
         """Return the pattern of the shots left out, hold-out shots too."""
-        sets = (ShotSet.IDENTIFICATION, ShotSet.VALIDATION, ShotSet.CHECK)
-        rows = _rows_in_time(self.shots, self.observations, *sets)
+        rows = self._judged_rows
         rows = rows[self.at_nominal.is_solved[rows]]
         left_out = [event.first for event in self.events if event.leaves_out]
         kept = ~np.isin(np.array(self.shots.numbers)[rows], left_out)
@@ -558,20 +555,6 @@ def _left_out(events: Iterable[Event], shots: Shots) -> Iterator[Excluded]:
         elif event.kind == "wrong shot":
             reason = f"{event.size:.3f} mm off where all others put it"
             yield Excluded(reason, event.first, pairs[event.first], event.size)
-
-
-def _obstacles(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """Return the findings against a pass: the failures alone where there are any."""
-    against = tuple(finding for finding in findings if finding.affects_verdict)
-    failures = tuple(finding for finding in against if finding.decision == "fail")
-    return failures or against
-
-
-def _decide(obstacles: Sequence[Finding]) -> Decision:
-    """Decide whether a result may be used: it passes if nothing is against it."""
-    if any(finding.decision == "fail" for finding in obstacles):
-        return "fail"
-    return "not decided" if obstacles else "pass"
 
 
 def _gains(

@@ -14,28 +14,33 @@ geometry is all that is wrong: `GEOMETRY_ALONE` says so in every result.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid, ShotsMissing
-from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.region import Region
 from campaigns.fit.rigid_transforms import directions, distances_mm
 from campaigns.identification import findings
 from campaigns.identification.findings import Finding
 from campaigns.identification.hold_out import distance_errors
 from campaigns.identification.options import IdentificationOptions, matching
-from campaigns.identification.positions import FEWEST_POSES, Positions, std_of_positions
+from campaigns.identification.positions import FEWEST_POSES, std_of_positions
 from campaigns.identification.result import (
     Excluded,
     IdentificationResult,
+    Judgement,
     ModelledTable,
     ParameterCovariance,
     PositionStd,
+    Provenance,
+    Residuals,
     ResidualTable,
     Share,
+    Uncertainty,
+    Value,
     identified_parameters,
 )
 from campaigns.kinematics.mechanism import Kinematics, KinematicSolution, NoSolution
@@ -110,31 +115,20 @@ def identify_as_paper(
     std = np.sqrt(np.diag(covariance)).tolist()
     values = zip((solved.x / units).tolist(), std, strict=True)
     stored = ParameterCovariance(names, tuple(map(tuple, covariance.tolist())))
-    positions = None
+    positions = Uncertainty()
     if dof and options.workspace is not None:
         positions = _positions(identified, stored, options.workspace, poses[np.unique(rows)])
-    against = tuple(_findings(unseen, positions, converged=bool(solved.success)))
-    obstacles = tuple(finding for finding in against if finding.decision == "fail") or against
-    decision: Decision = next((f.decision for f in obstacles if f.decision), "pass")
+    modelled = ModelledTable.of(shots.rows(counted), nominal_poses[counted], poses[counted])
     return IdentificationResult(
-        model="paper",
-        converged=bool(solved.success),
-        iterations=int(solved.nfev),
-        parameters=identified_parameters(nominal, dict(zip(names, values, strict=True))),
-        residuals_mm=fitted.summary(),
-        unseen_mm=None if unseen is None else unseen.summary(),
-        fitted=fitted,
-        unseen=unseen,
-        modelled=ModelledTable.of(shots.rows(counted), nominal_poses[counted], poses[counted]),
-        excluded=(*excluded, *unusable),
-        covariance=stored,
-        position_std_mm=None if positions is None else positions.std,
-        budget=() if positions is None else positions.shares,
-        region=None if positions is None else positions.region,
-        findings=(*against, GEOMETRY_ALONE),
-        verdict=decision,
-        reasons=tuple(finding.says for finding in obstacles) or _gains(unseen, positions),
-        obstacles=tuple(finding.name for finding in obstacles),
+        value=Value(identified_parameters(nominal, dict(zip(names, values, strict=True)))),
+        uncertainty=replace(positions, covariance=stored),
+        judgement=Judgement.of(
+            (*_findings(unseen, positions, converged=bool(solved.success)), GEOMETRY_ALONE),
+            _gains(unseen, positions),
+            excluded=(*excluded, *unusable),
+        ),
+        residuals=Residuals.of(fitted, unseen, modelled),
+        provenance=Provenance("paper", bool(solved.success), int(solved.nfev)),
     )
 
 
@@ -207,8 +201,8 @@ def _no_robot(shots: Shots, rows: Index, misfits_mm: Array, error: Exception) ->
 
 def _positions(
     identified: Kinematics, covariance: ParameterCovariance, workspace: Array, measured: Array
-) -> Positions | None:
-    """Return the uncertainty of positions at poses (N, t); None where too few can be taken.
+) -> Uncertainty:
+    """Return the uncertainty of positions at poses (N, t); nothing where too few can be taken.
 
     `measured` (M, t) are the poses of the fitted shots.
     """
@@ -216,18 +210,19 @@ def _positions(
     # frame of sample and shots.
     _, sample = identified.select_reachable(workspace)
     if len(sample) < FEWEST_POSES * len(workspace):
-        return None
+        return Uncertainty()
     std = std_of_positions(identified, covariance, sample, sample[:0])
     of_both = std_of_positions(identified, covariance, np.vstack([sample, measured]), sample[:0])
     count, task = len(sample), identified.mechanism.task
     region = Region.of(sample, of_both[:count], of_both[count:], task)
     rms = float(np.sqrt((std**2).mean()))
     size = PositionStd(float(std.mean()), float(std.max()), rms, len(workspace) - count)
-    return Positions(size, region, (Share("pairs", "distances of the fitted pairs", "A", rms),))
+    share = Share("pairs", "distances of the fitted pairs", "A", rms)
+    return Uncertainty(position_std_mm=size, budget=(share,), region=region)
 
 
 def _findings(
-    unseen: ResidualTable | None, positions: Positions | None, *, converged: bool
+    unseen: ResidualTable | None, positions: Uncertainty, *, converged: bool
 ) -> Iterator[Finding]:
     """Yield what is against a result: of the solver, the validation pairs and σ of positions."""
     if not converged:
@@ -239,7 +234,7 @@ def _findings(
         errors = unseen.summary()
         if not errors.after.rms < errors.before.rms:  # "not <", so that NaN fails as well
             yield Finding(findings.WORSE, f"worse: hold-out pairs: {errors.says}", "fail")
-    if positions is None:
+    if positions.region is None:
         says = (
             "σ of positions is unknown: there are as many pairs as parameters, or no poses of the "
             "workspace that the identified robot can take; measure more pairs, look at robot.yaml"
@@ -249,8 +244,8 @@ def _findings(
         yield from findings.position_findings(positions.region, None, was_asked=True)
 
 
-def _gains(unseen: ResidualTable | None, positions: Positions | None) -> tuple[str, ...]:
+def _gains(unseen: ResidualTable | None, positions: Uncertainty) -> tuple[str, ...]:
     """Return what a passed result gained, and where it is valid."""
-    if unseen is None or positions is None:
+    if unseen is None or positions.region is None:
         return ()
     return f"hold-out pairs: {unseen.summary().says}", positions.region.says

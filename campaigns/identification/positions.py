@@ -6,7 +6,6 @@ large correlated σ may give small σ of positions, so this is the figure to jud
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -25,7 +24,7 @@ from campaigns.fit.uncertainty import (
     unseen_covariances,
     without_frame,
 )
-from campaigns.identification.result import ParameterCovariance, PositionStd, Share
+from campaigns.identification.result import ParameterCovariance, PositionStd, Share, Uncertainty
 from campaigns.kinematics.mechanism import Kinematics
 
 FEWEST_POSES = 0.9
@@ -51,23 +50,14 @@ NOISE_WORDS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Positions:
-    """Uncertainty of positions, its budget, and the region for which it holds."""
-
-    std: PositionStd
-    region: Region
-    shares: tuple[Share, ...]
-
-
 def uncertainty_of_positions(
     fit: Fit, identified: Kinematics, workspace: Array, ratio: float, repeating: float = 0.0
-) -> Positions | None:
+) -> Uncertainty:
     """Return the uncertainty of positions at poses (N, t), in the frame that fits all of them best.
 
     `ratio` multiplies the uncertainty where hold-out pairs showed larger errors, `repeating` is the
-    share of the robot's scatter that repeats, and so is an error of each position. Return None
-    where the identified robot can take too few of the poses.
+    share of the robot's scatter that repeats, and so is an error of each position. Nothing is
+    stated where the identified robot can take too few of the poses.
     """
     # 1. Derivatives of the positions by all unknowns, at the workspace's sample and at the shots
     #    that counted, both "unmeasured": without a tracker, since only the robot is asked about.
@@ -77,7 +67,7 @@ def uncertainty_of_positions(
     #    frame instead, or their σ could not be compared.
     at_sample, sample = identified.select_reachable(workspace)
     if len(sample) < FEWEST_POSES * len(workspace):
-        return None
+        return Uncertainty()
     shots, count = fit.observations.rows(fit.kept), len(sample)
     both = Observations.unmeasured(
         np.vstack([at_sample, shots.joints]), np.vstack([sample, shots.near])
@@ -85,7 +75,7 @@ def uncertainty_of_positions(
     robot = fit.model.robot_at(fit.at.x, both, both.near)
     positions = robot.assembly.poses[:, :3]
     if not robot.assembly.is_solved.all():
-        return None
+        return Uncertainty()
     covariance = fit.covariance[: fit.model.size, : fit.model.size]
     between_shots = unseen_covariances(fit, robot.by_moves, both).trace(axis1=1, axis2=2)
     point, joint = fit.scatter
@@ -109,7 +99,8 @@ def uncertainty_of_positions(
         squares["layer"] = squares.get("layer", 0.0) + further
     if repeating:
         squares[REPEATING] = float(repeats[:count].mean())
-    return Positions(sizes, region, _shares(squares, ratio, rms))
+    shares = _shares(squares, ratio, rms)
+    return Uncertainty(position_std_mm=sizes, budget=shares, region=region)
 
 
 def _moved_beyond_parameters(fit: Fit, robot: RobotPoints) -> Array:

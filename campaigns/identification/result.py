@@ -1,14 +1,13 @@
-"""The result of an identification: one type that is written to the journal, read back and shown.
+"""The result of an identification in five parts: it is written to the journal, and read back.
 
-Its fields are the keys of the document `pkmcal/identification/2`; parameters are in mm, deg, ppm.
-Renaming a field changes the document, and old journals could no longer be read.
+The fields of all parts are the keys of the document `pkmcal/identification/2`, so that no two have
+one name; parameters are in mm, deg, ppm. Renaming a field changes the document, and old journals
+could no longer be read; moving it to another part does not. Views: `views.py`, and `app/`.
 """
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from pydantic import JsonValue
@@ -21,6 +20,7 @@ from campaigns.evaluation.summary import BeforeAfter, spread
 from campaigns.fit.effects import Layer
 from campaigns.fit.events import Event
 from campaigns.fit.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
+from campaigns.identification import views
 from campaigns.identification.findings import HOLD_OUT, Finding, HoldOut
 from campaigns.journal.records import adapter_of, read_body
 from campaigns.kinematics.closed_chain import ClosedChain
@@ -28,9 +28,6 @@ from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import Parameters
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SCHEMA = "pkmcal/identification/2"
 STRONG = 0.9
@@ -127,10 +124,6 @@ class ParameterCovariance:
     def array(self) -> Array:
         """`matrix` as an array, (F, F)."""
         return np.array(self.matrix).reshape(len(self.names), len(self.names))
-
-    def std(self) -> dict[str, float]:
-        """Return 1 σ by name."""
-        return dict(zip(self.names, np.sqrt(np.diag(self.array)).tolist(), strict=True))
 
     def strongest(self, count: int, least: float = 0.0) -> list["Correlation"]:
         """Return the `count` largest correlations, none below `least`."""
@@ -312,123 +305,29 @@ class ModelledTable:
         return cls(shots.numbers, shots.purposes, shots.pairs, _rows(before), _rows(after))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class IdentificationResult:
-    """Parameters with their uncertainty, errors, budget and findings, and the verdict.
+@dataclass(frozen=True, slots=True)
+class Value:
+    """What was estimated: the robot, where it stood, and the tracker. All that a user may apply."""
 
-    Attributes:
-        model: `full` or `paper`.
-        parameters: all parameters of the robot by name.
-        undetermined: combinations of parameters that no shot determines; they stay at nominal.
-        scatter: noise beside what the tracker stated.
-        sizes: estimated size of each group of error sources, in its tolerance.
-        tracker: errors of the tracker by source: value and 1 σ in mm, deg or ppm.
-        events: what happened to shots and parts during the campaign, in the order of time.
-        layers: errors that no parameter describes, which `correct` follows.
-        diagnosis: what the fit shows of each shot beside its residual.
-        excluded: shots and pairs left out, with the reason.
-        residuals_mm, unseen_mm: sizes of the errors of fitted shots and of hold-out pairs.
-        budget: shares of the sources in the uncertainty of positions; they add up in squares.
-        region: part of the workspace that the result is valid for.
-        findings: everything that contradicts the result, or is only reported.
-        verdict, reasons: whether the result may be used, and why.
-    """
-
-    model: Literal["full", "paper"]
-    converged: bool
-    iterations: int
     parameters: dict[str, IdentifiedParameter]
+    """All parameters of the robot by name, rates of found ripples among them."""
     undetermined: tuple[tuple[str, ...], ...] = ()
-    scatter: Scatter | None = None
+    """Combinations of parameters that no shot determines; they stay at nominal."""
     sizes: dict[str, float] = field(default_factory=dict)
+    """Size of each group of error sources, in its tolerance."""
     tracker: dict[str, tuple[float, float]] = field(default_factory=dict)
-    residuals_mm: BeforeAfter | None = None
-    unseen_mm: BeforeAfter | None = None
-    fitted: ResidualTable | None = None
-    unseen: ResidualTable | None = None
-    modelled: ModelledTable | None = None
-    events: tuple[Event, ...] = ()
-    diagnosis: Diagnosis | None = None
+    """Errors of the tracker by source: value and 1 σ in mm, deg or ppm."""
     layers: tuple[StoredLayer, ...] = ()
-    excluded: tuple[Excluded, ...] = ()
-    covariance: ParameterCovariance | None = None
-    position_std_mm: PositionStd | None = None
-    budget: tuple[Share, ...] = ()
-    region: Region | None = None
-    hold_out: HoldOut | None = None
-    findings: tuple[Finding, ...] = ()
+    """Errors that no parameter describes, which `correct` follows."""
     frame: Frame | None = None
     sessions: tuple[SessionFrame, ...] = ()
     reference_degC: float | None = None
     """Temperature of the parts for which parameters are stated; None if none was measured."""
-    posterior: StoredPosterior | None = None
-    verdict: Decision
-    reasons: tuple[str, ...]
-    obstacles: tuple[str, ...] = ()
-    """Names of the findings that stand against a pass."""
-    seconds: float = 0.0
-
-    def __repr__(self) -> str:
-        unseen = f", hold-out {self.unseen_mm.after.rms:.4f} mm rms" if self.unseen_mm else ""
-        return f"<IdentificationResult: {self.verdict}, {len(self.free)} parameters{unseen}>"
-
-    def report(self) -> str:
-        """Return parameters, budget and findings as text for a console."""
-        # The budget's rows add up in squares: the last line is their root.
-        lines = [f"verdict: {self.verdict}", *(f"  {reason}" for reason in self.reasons), ""]
-        lines.append(f"{'parameter':28}{'nominal':>12}{'identified':>12}{'± σ':>10}")
-        for name in self.free:
-            parameter = self.parameters[name]
-            std = "held" if parameter.std is None else f"{parameter.std:.4f}"
-            lines.append(f"{name:28}{parameter.nominal:12.4f}{parameter.value:12.4f}{std:>10}")
-        if self.budget:
-            lines += ["", "uncertainty of positions, 1 σ, rms over the workspace, mm"]
-            lines += [f"  {share.words:52} {share.kind} {share.mm:9.4f}" for share in self.budget]
-            total = math.sqrt(sum(share.mm**2 for share in self.budget))
-            lines.append(f"  {'combined':52}   {total:9.4f}")
-        if self.scatter is not None:
-            lines += ["", self.scatter.says]
-        lines += ["", *(f"finding: {finding.says}" for finding in self.findings)]
-        return "\n".join(lines).rstrip() + "\n"
-
-    def to_frame(self) -> Any:
-        """Return the parameters as a DataFrame; raise `ImportError` without pandas.
-
-        Any: pandas is not among our dependencies.
-        """
-        rows = [
-            {"parameter": name, **asdict(parameter)} for name, parameter in self.parameters.items()
-        ]
-        return import_module("pandas").DataFrame(rows).set_index("parameter")
-
-    def plot(self) -> "Figure":
-        """Return a figure of the errors of each shot by the nominal and the identified robot."""
-        from matplotlib.figure import Figure  # slow to import: only commands that draw wait for it
-
-        figure = Figure(figsize=(8.0, 3.5), layout="constrained")
-        axes = figure.add_subplot(yscale="log", ylabel="error, mm")
-        for kind, table, marker in (("fitted", self.fitted, "o"), ("hold-out", self.unseen, "x")):
-            if table is not None:
-                for state, errors in (("before", table.before), ("after", table.after)):
-                    sizes, label = np.linalg.norm(errors, axis=1), f"{kind} {table.of}, {state}"
-                    axes.plot(table.numbers, sizes, marker, markersize=4, label=label)
-        axes.set_xlabel("number in the plan")
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        return figure
 
     @property
     def free(self) -> tuple[str, ...]:
         """Names of the parameters that were fitted."""
         return tuple(name for name, parameter in self.parameters.items() if parameter.free)
-
-    @property
-    def accepted(self) -> tuple[str, ...]:
-        """Findings in spite of which somebody took the result, in words."""
-        return tuple(finding.says for finding in self.findings if finding.accepted)
-
-    def nominal_flat(self) -> dict[str, float]:
-        """Return the nominal parameters by name."""
-        return {name: parameter.nominal for name, parameter in self.parameters.items()}
 
     def flat(self) -> dict[str, float]:
         """Return the identified parameters by name."""
@@ -448,20 +347,88 @@ class IdentificationResult:
         parameters = self.parameters.items()
         return {name: parameter.std for name, parameter in parameters if parameter.std is not None}
 
-    def document(self) -> dict[str, JsonValue]:
-        """Return the document `pkmcal/identification/2`."""
-        # Fields as they are, and for readers without this software what follows from them: the
-        # change of each parameter and the strongest correlations. Reading ignores these again.
-        # Any: pydantic determines the types from the dataclass at run time, which mypy cannot.
-        values: dict[str, Any] = adapter_of(type(self)).dump_python(self, mode="json")
-        for name, parameter in self.parameters.items():
-            values["parameters"][name]["delta"] = parameter.delta
-        values["excluded"] = [
-            {key: value for key, value in asdict(excluded).items() if value is not None}
-            for excluded in self.excluded
-        ]
-        strong = self.covariance.strongest(20, STRONG) if self.covariance else []
-        return {"schema": SCHEMA, **values, "correlations": [asdict(pair) for pair in strong]}
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Uncertainty:
+    """How far the value may be off: covariances, noise, and σ of positions with its budget."""
+
+    scatter: Scatter | None = None
+    covariance: ParameterCovariance | None = None
+    posterior: StoredPosterior | None = None
+    position_std_mm: PositionStd | None = None
+    budget: tuple[Share, ...] = ()
+    """Shares of the sources in the uncertainty of positions; they add up in squares."""
+    region: Region | None = None
+    """Part of the workspace for which the uncertainty holds."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judgement:
+    """Whether the value may be used, and why: all that the shots say for or against it."""
+
+    verdict: Decision
+    reasons: tuple[str, ...]
+    obstacles: tuple[str, ...] = ()
+    """Names of the findings that stand against a pass."""
+    findings: tuple[Finding, ...] = ()
+    hold_out: HoldOut | None = None
+    events: tuple[Event, ...] = ()
+    """What happened to shots and parts during the campaign, in the order of time."""
+    diagnosis: Diagnosis | None = None
+    excluded: tuple[Excluded, ...] = ()
+
+    @classmethod
+    def of(
+        cls, findings: Sequence[Finding], gains: Iterable[str] = (), **observed: Any
+    ) -> "Judgement":
+        """Judge by all findings; where none is against a pass, the reasons are the `gains`."""
+        # failures alone are reasons where there are any: what else is open then decides nothing
+        against = tuple(finding for finding in findings if finding.affects_verdict)
+        failures = tuple(finding for finding in against if finding.decision == "fail")
+        obstacles = failures or against
+        return cls(
+            verdict="fail" if failures else "not decided" if against else "pass",
+            reasons=tuple(finding.says for finding in obstacles) or tuple(gains),
+            obstacles=tuple(finding.name for finding in obstacles),
+            findings=tuple(findings),
+            **observed,
+        )
+
+    @property
+    def accepted(self) -> tuple[str, ...]:
+        """Findings in spite of which somebody took the result, in words."""
+        return tuple(finding.says for finding in self.findings if finding.accepted)
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """Modelled minus measured by the nominal and the identified robot, shot by shot and in sum."""
+
+    residuals_mm: BeforeAfter | None = None
+    """Sizes of the errors of fitted shots."""
+    unseen_mm: BeforeAfter | None = None
+    """Sizes of the errors of hold-out pairs."""
+    fitted: ResidualTable | None = None
+    unseen: ResidualTable | None = None
+    modelled: ModelledTable | None = None
+
+    @classmethod
+    def of(
+        cls, fitted: ResidualTable, unseen: ResidualTable | None, modelled: ModelledTable
+    ) -> "Residuals":
+        """Sum up the tables of fitted shots and hold-out pairs."""
+        unseen_mm = None if unseen is None else unseen.summary()
+        return cls(fitted.summary(), unseen_mm, fitted, unseen, modelled)
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """How the result was computed."""
+
+    model: Literal["full", "paper"]
+    converged: bool
+    iterations: int
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -476,8 +443,8 @@ class Pedigree:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedIdentification(IdentificationResult):
-    """Identification with its series, options and files, as the journal holds it."""
+class RecordedProvenance(Provenance):
+    """How the result was computed, and what it rests on: series, options, settings and files."""
 
     series: int
     shots: int = 0
@@ -493,32 +460,80 @@ class RecordedIdentification(IdentificationResult):
     """Settings of campaign.yaml that its verdict rests on, unless they are at their defaults."""
     pedigree: Pedigree | None = None
 
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentificationResult:
+    """Result of an identification in five parts, and the ways to look at it."""
+
+    value: Value
+    uncertainty: Uncertainty
+    judgement: Judgement
+    residuals: Residuals
+    provenance: Provenance
+
+    report = views.report
+    to_frame = views.to_frame
+    plot = views.plot
+
+    def __repr__(self) -> str:
+        errors, free = self.residuals.unseen_mm, self.value.free
+        unseen = f", hold-out {errors.after.rms:.4f} mm rms" if errors else ""
+        return f"<IdentificationResult: {self.judgement.verdict}, {len(free)} parameters{unseen}>"
+
+    def document(self) -> dict[str, JsonValue]:
+        """Return the document `pkmcal/identification/2`: the fields of all parts side by side."""
+        # Fields as they are, and for readers without this software what follows from them: the
+        # change of each parameter and the strongest correlations. Reading ignores these again.
+        # Any: pydantic determines the types from the dataclass at run time, which mypy cannot.
+        values: dict[str, Any] = {"schema": SCHEMA}
+        for part in fields(self):
+            content = getattr(self, part.name)
+            values |= adapter_of(type(content)).dump_python(content, mode="json")
+        for name, parameter in self.value.parameters.items():
+            values["parameters"][name]["delta"] = parameter.delta
+        values["excluded"] = [
+            {key: value for key, value in asdict(excluded).items() if value is not None}
+            for excluded in self.judgement.excluded
+        ]
+        covariance = self.uncertainty.covariance
+        strong = covariance.strongest(20, STRONG) if covariance else []
+        return {**values, "correlations": [asdict(pair) for pair in strong]}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedIdentification(IdentificationResult):
+    """Identification with what it rests on, as the journal holds it."""
+
+    provenance: RecordedProvenance
+
     @property
     def is_by_older_model(self) -> bool:
         """Whether an older version identified it by a model with fewer sources of error."""
         # the full model of this version states a diagnosis of every fit
-        return self.model == "full" and self.diagnosis is None
+        return self.provenance.model == "full" and self.judgement.diagnosis is None
 
     @classmethod
     def of(cls, result: IdentificationResult, **provenance: Any) -> "RecordedIdentification":
-        """Add the provenance to a result."""
-        names = [field_of_result.name for field_of_result in fields(IdentificationResult)]
-        return cls(**{name: getattr(result, name) for name in names} | provenance)
+        """Add to a result what it rests on, the fields of `RecordedProvenance`."""
+        parts = {part.name: getattr(result, part.name) for part in fields(result)}
+        recorded = RecordedProvenance(**asdict(result.provenance) | provenance)
+        return cls(**parts | {"provenance": recorded})
 
     def outdated_by(
         self, settings: Mapping[str, JsonValue], limits_mm: Mapping[str, float]
     ) -> tuple[str, ...]:
         """Return the keys of today's settings that differ from those of the verdict."""
         # Older software recorded no settings: with nothing to compare, nothing counts as changed.
-        then = settings if self.settings is None else self.settings
+        recorded, judgement = self.provenance.settings, self.judgement
+        then = settings if recorded is None else recorded
         keys = sorted({*then, *settings})
         changed = [key for key in keys if then.get(key) != settings.get(key)]
         # Limits count only where the verdict rests on them: a hold-out test that failed, and was
         # let pass because the acceptance limits were met.
         passed_by_limits = any(
-            finding.name == HOLD_OUT and finding.decision is None for finding in self.findings
+            finding.name == HOLD_OUT and finding.decision is None for finding in judgement.findings
         )
-        if passed_by_limits and self.hold_out and not self.hold_out.meets(limits_mm):
+        if passed_by_limits and judgement.hold_out and not judgement.hold_out.meets(limits_mm):
             changed.append("acceptance")
         return tuple(changed)
 
@@ -529,7 +544,12 @@ def read_identification(body: Mapping[str, JsonValue]) -> RecordedIdentification
     schema = body.get("schema", "without a schema")
     if schema != SCHEMA:
         raise FindingUnreadable(f"the identification is {schema}", remedy=remedy)
-    return read_body(body, RecordedIdentification, "identification", remedy)
+    # each part takes its own keys of the document, and leaves those of the others alone
+    parts: dict[str, Any] = {
+        part.name: read_body(body, cast("type[object]", part.type), "identification", remedy)
+        for part in fields(RecordedIdentification)
+    }
+    return RecordedIdentification(**parts)
 
 
 def identified_parameters(

@@ -46,7 +46,7 @@ def check_work(campaign: Campaign, options: CheckOptions) -> Work:
     with campaign.journal_reader() as journal:
         identification, _ = _passed_identification(campaign, journal)
     fitted = [s for s in campaign.read_plan() if s.purpose is ShotSet.IDENTIFICATION]
-    identified = Kinematics.of(campaign.robot.mechanism, identification.flat())
+    identified = Kinematics.of(campaign.robot.mechanism, identification.value.flat())
     robot = replace(campaign.robot_model, kinematics=identified)
     chosen = _shots_on_tour(fitted, options.shots or CHECK_SHOTS, robot)
     planned = [
@@ -126,21 +126,21 @@ def update_by_check(campaign: Campaign) -> RecordedIdentification:
         shots = _shots(campaign, journal, checked.series)
         fit_options = identification_options(campaign)
         result = update(campaign.robot.kinematics, shots, posterior, fit_options, checked.parts)
-        positions = identification.position_std_mm
+        former, positions = identification.provenance, identification.uncertainty.position_std_mm
         recorded = RecordedIdentification.of(
             result,
-            series=identification.series,
+            series=former.series,
             shots=len(shots),
             asked=("--update",),
             robot_digest=campaign.robot.digest(),
-            plan_digest=identification.plan_digest,
+            plan_digest=former.plan_digest,
             journal_digest=journal.digest(),
             journal_records=journal.last_number(),
             at_utc=now_utc(),
             settings=campaign.identification_settings,
             pedigree=Pedigree(
                 updates=digest,
-                series=(identification.series, checked.series),
+                series=(former.series, checked.series),
                 shots=len(shots),
                 position_std_before_mm=positions.mean if positions else None,
             ),
@@ -159,17 +159,17 @@ def _passed_identification(
     """
     identification = latest_identification(journal)
     require_usable(campaign.nominal, identification)
-    if identification.posterior is None:
+    if (posterior := identification.uncertainty.posterior) is None:
         raise VerdictBad(
-            f"--model {identification.model} keeps nothing to check by",
+            f"--model {identification.provenance.model} keeps nothing to check by",
             remedy="identify again without it",
         )
-    return identification, identification.posterior
+    return identification, posterior
 
 
 def _digest(campaign: Campaign, identification: RecordedIdentification) -> str:
     """Return the digest of the identified parameters."""
-    return identification.parameter_set(campaign.robot.mechanism).digest()
+    return identification.value.parameter_set(campaign.robot.mechanism).digest()
 
 
 def _shots(campaign: Campaign, journal: JournalReader, series: int) -> Shots:

@@ -31,9 +31,10 @@ def _target_correction(campaign: Campaign, robot: RobotFile) -> TargetCorrection
     # would be those of another set, so without a match by digest none is given.
     identification = known_sets(campaign).identified.get(robot.digest())
     with campaign.journal_reader() as journal:
-        series = (
-            identification.series if identification else campaign.measured_series(journal).number
-        )
+        if identification is None:
+            series = campaign.measured_series(journal).number
+        else:
+            series = identification.provenance.series
         shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
     identified, nominal = robot.kinematics.controlled, campaign.robot.kinematics.controlled
     measured = identified.forward(shots.of_set(ShotSet.IDENTIFICATION).joints)
@@ -43,10 +44,10 @@ def _target_correction(campaign: Campaign, robot: RobotFile) -> TargetCorrection
         nominal,
         campaign.robot.limits,
         campaign.space,
-        None if identification is None else identification.covariance,
+        None if identification is None else identification.uncertainty.covariance,
         poses,
-        () if identification is None else identification.layers,
-        None if identification is None else identification.position_std_mm,
+        () if identification is None else identification.value.layers,
+        None if identification is None else identification.uncertainty.position_std_mm,
     )
 
 

@@ -49,7 +49,8 @@ def identified_robot(campaign: Campaign) -> RobotDocument:
     """
     with campaign.journal_reader() as journal:
         identification = latest_identification(journal)
-        measured = next((s for s in journal.series() if s.number == identification.series), None)
+        number = identification.provenance.series
+        measured = next((s for s in journal.series() if s.number == number), None)
     if outdated := campaign.outdated(identification):
         raise VerdictBad(
             f"{', '.join(outdated)} in campaign.yaml changed since the identification, which rests "
@@ -113,7 +114,7 @@ def export_plain(
     robot = identified_robot(campaign).robot
     plain, form = plain_form(campaign, robot)
     with campaign.journal_reader() as journal:
-        std = latest_identification(journal).position_std_mm
+        std = latest_identification(journal).uncertainty.position_std_mm
     document = compensated(
         campaign.nominal,
         f"{campaign.robot.name}-{PLAIN}",

@@ -83,7 +83,7 @@ def _epochs(campaign: Campaign) -> Iterator[Epoch]:
         of_checks = journal.findings("check")
     # a series that was identified several times is one state of the robot: its last result counts
     results = _readable(of_identifications, read_identification)
-    identifications = {result.series: result for result in results}
+    identifications = {result.provenance.series: result for result in results}
     # `identify` takes the latest series: earlier ones cannot be renewed
     latest = max((number for number, each in series.items() if each.to_identify), default=None)
     left_out = [
@@ -164,21 +164,22 @@ def _epoch_of(
     `after_mm` is given only if the controller held this identification's values: a campaign has
     one validation after calibration, but may have several identifications.
     """
-    space, has_passed = campaign.robot.mechanism.parameters, identification.verdict == "pass"
-    measured_utc = _measured_utc(series, identification.at_utc)
+    judgement, errors = identification.judgement, identification.residuals.unseen_mm
+    space, has_passed = campaign.robot.mechanism.parameters, judgement.verdict == "pass"
+    measured_utc = _measured_utc(series, identification.provenance.at_utc)
     before, after = (
         stage.distances.mean.value_mm if stage and stage.distances else None
         for stage in (evaluation.before, evaluation.after)
     )
     held = evaluation.evidence.held("after")
-    digest = identification.parameter_set(campaign.robot.mechanism).digest()
+    digest = identification.value.parameter_set(campaign.robot.mechanism).digest()
     is_held = held is not None and held.origin == digest
     return Epoch(
         folder=str(campaign.folder),
         kind="campaign",
         measured_utc=measured_utc,
-        decision=identification.verdict,
-        says="" if has_passed else "; ".join(identification.reasons),
+        decision=judgement.verdict,
+        says="" if has_passed else "; ".join(judgement.reasons),
         parameters=tuple(
             ParameterError(
                 name,
@@ -188,13 +189,13 @@ def _epoch_of(
                 space[name].unit,
                 identification.is_by_older_model,
             )
-            for name, parameter in identification.parameters.items()
+            for name, parameter in identification.value.parameters.items()
             if has_passed and parameter.free and parameter.std is not None
         ),
         before_mm=before,
         after_mm=after if is_held else None,
         by_older_model=identification.is_by_older_model,
-        unseen_mm=identification.unseen_mm.after.mean_abs if identification.unseen_mm else None,
+        unseen_mm=errors.after.mean_abs if errors else None,
     )
 
 

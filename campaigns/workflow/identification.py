@@ -44,7 +44,7 @@ def identify(
         ShotsInvalid: The shots cannot be this robot's.
 
     Example:
-        >>> workflow.identify(open_campaign("cell-7"), IdentificationOptions(hold_out=0.2)).verdict
+        >>> workflow.identify(open_campaign("cell-7")).judgement.verdict
         'pass'
     """
     options = options or IdentificationOptions()
@@ -67,7 +67,8 @@ def identify(
         started_s = time.perf_counter()
         result = identify_shots(robot.kinematics, shots, fit_options)
         recorded = RecordedIdentification.of(
-            replace(result, seconds=time.perf_counter() - started_s),
+            result,
+            seconds=time.perf_counter() - started_s,
             series=series.number,
             shots=len(shots),
             asked=tuple(typed_words(options)),

@@ -149,6 +149,7 @@ def doubtful(evaluation: Evaluation) -> Iterator[str]:
         return
     if check is not None and check.decision != "fail":  # a failed one is among the checks below
         yield f"check, series {check.series}: {check.says}"
-    yield from (finding.says for finding in identification.findings if finding.affects_verdict)
+    against = (each for each in identification.judgement.findings if each.affects_verdict)
+    yield from (finding.says for finding in against)
     broken = (each for each in evaluation.checks if each.holds is False)
     yield from (f"not confirmed: {each.statement} ({each.detail})" for each in broken)

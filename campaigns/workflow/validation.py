@@ -110,7 +110,7 @@ def validation_work(
     else:
         identified, nominal = identified_set(campaign), held.kinematics.controlled
         recorded = known_sets(campaign).identified.get(identified.digest())
-        layers = () if recorded is None else recorded.layers
+        layers = () if recorded is None else recorded.value.layers
         correction = TargetCorrection(identified.kinematics, nominal, held.limits, layers=layers)
         correct = correction.commanded
         work, notes = _work(campaign, "after by targets", identified, tests, unseen, correct)

@@ -21,7 +21,7 @@ def identified(folder, options=None, **settings):
     """A campaign whose 74 shots are measured within three minutes, and identified."""
     paper = new_campaign(folder, **settings)
     paper.run(pairs=30, unseen=6)
-    assert identify(paper.campaign, options).verdict == "pass"
+    assert identify(paper.campaign, options).judgement.verdict == "pass"
     return paper
 
 
@@ -61,8 +61,8 @@ def test_with_temperatures_of_parts_a_check_is_judged_and_updates(tmp_path):
     judged = checked(paper)
     assert judged.decision == "pass", judged.says
     updated = update_by_check(paper.campaign)
-    assert updated.verdict == "pass", updated.reasons
-    assert updated.reference_degC == 20.0
+    assert updated.judgement.verdict == "pass", updated.judgement.reasons
+    assert updated.value.reference_degC == 20.0
 
 
 def test_without_temperatures_at_the_check_growth_is_left_out(tmp_path):
@@ -70,7 +70,7 @@ def test_without_temperatures_at_the_check_growth_is_left_out(tmp_path):
     change(paper.folder / "campaign.yaml", {"part_temperatures": {}})
     judged = checked(paper)
     assert judged.decision == "pass", judged.says
-    assert update_by_check(paper.campaign).verdict == "pass"
+    assert update_by_check(paper.campaign).judgement.verdict == "pass"
 
 
 def test_a_set_identified_with_held_parameters_is_checked_and_updated(tmp_path):
@@ -78,5 +78,5 @@ def test_a_set_identified_with_held_parameters_is_checked_and_updated(tmp_path):
     judged = checked(paper)
     assert judged.decision == "pass", judged.says
     updated = update_by_check(paper.campaign)
-    assert updated.verdict == "pass", updated.reasons
-    assert not updated.parameters["arm3.arm_mm"].free
+    assert updated.judgement.verdict == "pass", updated.judgement.reasons
+    assert not updated.value.parameters["arm3.arm_mm"].free

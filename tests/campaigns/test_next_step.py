@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any, Literal
 
 import pytest
+from changed_results import with_fields
 from paper_campaign import MECHANISM, PaperCampaign, new_campaign
 
 from campaigns.campaign import open_campaign
@@ -19,7 +20,7 @@ from campaigns.evidence import Evaluation, Evidence, Incident, MeasuredSeries, e
 from campaigns.identification import findings
 from campaigns.identification.checking import RecordedCheck
 from campaigns.identification.findings import Finding
-from campaigns.identification.result import IdentifiedParameter
+from campaigns.identification.result import IdentifiedParameter, Judgement
 from campaigns.journal.records import Event
 from campaigns.kinematics.parameters import Parameters
 from campaigns.measuring.monitors import WRONG_PLACE
@@ -46,7 +47,9 @@ PASSED = {**MEASURED, "verdict": "pass"}
 def identified(name: str, asked: tuple[str, ...] = (), **numbers: float | str) -> Any:
     """An identification against which one thing stands."""
     finding = Finding(name, "", "fail", {"before_shot": 60.0, **numbers})
-    return SimpleNamespace(findings=(finding,), obstacles=(name,), asked=asked, pedigree=None)
+    judgement = Judgement(verdict="fail", reasons=(), obstacles=(name,), findings=(finding,))
+    provenance = SimpleNamespace(asked=asked, pedigree=None)
+    return SimpleNamespace(judgement=judgement, provenance=provenance)
 
 
 def words_of(step: NextStep) -> str:
@@ -290,9 +293,9 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(evidence: E
         name: IdentifiedParameter(nominal=0.0, value=value, std=0.001, free=True)
         for name, value in terms.items()
     }
-    parameters = evidence.identification.parameters | added
-    identification = replace(evidence.identification, parameters=parameters)
-    whole_set = identification.parameter_set(MECHANISM)
+    parameters = evidence.identification.value.parameters | added
+    identification = with_fields(evidence.identification, parameters=parameters)
+    whole_set = identification.value.parameter_set(MECHANISM)
     plain = {name: value for name, value in whole_set.items() if name not in terms}
     series = tuple(
         replace(each, started=replace(each.started, lacks=tuple(terms)))
@@ -340,7 +343,7 @@ def test_a_bad_check_is_doubtful_until_new_shots_answer_it(
     p: float,
     answer: str,
 ) -> None:
-    digest = evidence.identification.parameter_set(MECHANISM).digest()
+    digest = evidence.identification.value.parameter_set(MECHANISM).digest()
     check = RecordedCheck(
         decision=decision, says="not good", shots=8, chi2=99.0, dof=18, p=p, parts=parts,
         wrong=wrong, log_factors={}, series=50, of=digest, at_utc="",

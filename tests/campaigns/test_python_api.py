@@ -63,11 +63,11 @@ def test_options_are_the_words_of_the_command_line(measured):
     fewer = identify(shots, robot, options=words)
     by_mapping = {"shots": (0, 39), "hold_out": 0.2}
     again = identify(shots, robot, fix="arm1.*", priors={"arm2.arm_mm": 0.001}, options=by_mapping)
-    assert again.flat() == fewer.flat()
-    assert not [name for name in fewer.free if name.startswith("arm1.")]
-    assert fewer.std()["arm2.arm_mm"] <= 0.001
-    assert max(fewer.fitted.numbers) <= 39
-    assert fewer.hold_out.pairs == 4
+    assert again.value.flat() == fewer.value.flat()
+    assert not [name for name in fewer.value.free if name.startswith("arm1.")]
+    assert fewer.value.std()["arm2.arm_mm"] <= 0.001
+    assert max(fewer.residuals.fitted.numbers) <= 39
+    assert fewer.judgement.hold_out.pairs == 4
 
 
 def test_options_as_an_object_are_completed_as_words_are(measured):
@@ -75,24 +75,24 @@ def test_options_as_an_object_are_completed_as_words_are(measured):
     robot = replace(robot, tolerances={"places_mm": 0.05})
     by_words = identify(shots, robot, options={"hold_out": "20%"})
     by_object = identify(shots, robot, options=IdentificationOptions(hold_out=0.2))
-    assert by_object.position_std_mm == by_words.position_std_mm is not None
-    assert by_object.region == by_words.region
-    assert by_object.flat() == by_words.flat()
-    assert by_object.verdict == by_words.verdict
+    assert by_object.uncertainty.position_std_mm == by_words.uncertainty.position_std_mm is not None
+    assert by_object.uncertainty.region == by_words.uncertainty.region
+    assert by_object.value.flat() == by_words.value.flat()
+    assert by_object.judgement.verdict == by_words.judgement.verdict
     workspace = sample_workspace(robot, 20)
     at_few = identify(shots, robot, options=IdentificationOptions(workspace=workspace))
-    assert at_few.position_std_mm != by_words.position_std_mm
+    assert at_few.uncertainty.position_std_mm != by_words.uncertainty.position_std_mm
 
 
 def test_a_result_is_a_report_and_a_table(measured):
     result = identify(*measured)
-    assert (result.model, result.hold_out) == ("full", None)
+    assert (result.provenance.model, result.judgement.hold_out) == ("full", None)
     report = result.report()
-    assert report.startswith(f"verdict: {result.verdict}\n")
+    assert report.startswith(f"verdict: {result.judgement.verdict}\n")
     assert "uncertainty of positions, 1 σ, rms over the workspace, mm" in report
     table = result.to_frame()
-    assert list(table.index) == list(result.parameters)
-    assert table.loc["arm0.arm_mm", "value"] == result.parameters["arm0.arm_mm"].value
+    assert list(table.index) == list(result.value.parameters)
+    assert table.loc["arm0.arm_mm", "value"] == result.value.parameters["arm0.arm_mm"].value
 
 
 @pytest.mark.parametrize(

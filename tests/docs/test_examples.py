@@ -31,8 +31,11 @@ def example(tmp_path, monkeypatch, capsys):
 def test_a_robot_is_identified_from_a_table_of_shots(example, tmp_path):
     made, said = example("identify")
     found, true = made["found"], made["true"]
-    lengths = [name for name in found.free if name.endswith(("arm_mm", "plate_mm"))]
-    off = [(found.parameters[n].value - true.parameters[n]) / found.std()[n] for n in lengths]
+    lengths = [name for name in found.value.free if name.endswith(("arm_mm", "plate_mm"))]
+    off = [
+        (found.value.parameters[n].value - true.parameters[n]) / found.value.std()[n]
+        for n in lengths
+    ]
     assert len(lengths) == 9
     assert np.abs(off).max() < 4.0
     assert "<Shots: 80 (20 validation, 60 identification) of 4 joints>" in said

@@ -64,8 +64,8 @@ def test_calibration_in_thirty_lines_finds_what_identify_finds(tmp_path, monkeyp
     is_linear = ran["groups"] != "reflector"
     assert ran["std"][is_linear] == pytest.approx(fitted.std[is_linear], rel=0.15)
     theirs = identify(alike, ran["robot"])
-    std = np.sqrt(np.diag(theirs.posterior.covariance))
-    assert (np.abs(ran["x"] - theirs.posterior.mean) < 0.5 * std).all()
+    std = np.sqrt(np.diag(theirs.uncertainty.posterior.covariance))
+    assert (np.abs(ran["x"] - theirs.uncertainty.posterior.mean) < 0.5 * std).all()
     assert (ran["std"] < 1.05 * std)[is_linear].all()
-    for group, size in theirs.posterior.sizes.items():
+    for group, size in theirs.uncertainty.posterior.sizes.items():
         assert ran["size"][ran["groups"] == group][0] == pytest.approx(size, abs=0.1)

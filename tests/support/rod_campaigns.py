@@ -105,7 +105,7 @@ class RodCampaign:
         poses = workspace_poses(nominal, limits, centre, count, rng)
         joints = nominal.inverse(poses).values_or_raise()
         real = self.truth.positions(joints, poses)
-        identified = nominal.of(nominal.mechanism, found.flat())
+        identified = nominal.of(nominal.mechanism, found.value.flat())
         modelled = identified.forward(joints, poses).values_or_raise()[:, :3]
         left = fit_transform(modelled, real).apply(modelled) - real
         return float(np.sqrt((left**2).sum(axis=1).mean()))

@@ -59,10 +59,13 @@ def test_who_measured_what_and_when_stands_on_the_page(certified) -> None:
 def test_the_method_counts_the_shots_that_were_fitted(evaluation: Evaluation) -> None:
     method = dict(facts(evaluation))["method"]
     identification = evaluation.evidence.identification
-    fitted, held_out = len(identification.fitted.numbers), len(identification.unseen.numbers)
+    fitted, held_out = (
+        len(identification.residuals.fitted.numbers),
+        len(identification.residuals.unseen.numbers),
+    )
     assert f" parameters from {fitted} shots (model full)" in method
     assert method.endswith(f"validated on {held_out} pairs that were not fitted")
-    assert fitted < identification.shots, "those of validation and drift are not fitted"
+    assert fitted < identification.provenance.shots, "those of validation and drift are not fitted"
 
 
 def test_the_page_is_a_certificate_once_nothing_lacks(tmp_path) -> None:
@@ -124,7 +127,7 @@ def test_the_budget_combines_to_the_stated_uncertainty(evaluation: Evaluation) -
     identification = evaluation.evidence.identification
     *shares, combined = budget_rows(identification)
     sizes = [mm for *_, mm in shares]
-    assert combined[2] == pytest.approx(identification.position_std_mm.rms)
+    assert combined[2] == pytest.approx(identification.uncertainty.position_std_mm.rms)
     assert np.linalg.norm(sizes) == pytest.approx(combined[2])
     assert sizes == sorted(sizes, reverse=True)
     assert {kind for _, kind, _ in shares} == {"A", "B"}

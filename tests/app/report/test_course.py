@@ -35,7 +35,7 @@ def titles(course: Course) -> list[str]:
 
 def diagnosed(evaluation: Evaluation, **changes: object) -> object:
     """The diagnosis of a campaign, changed."""
-    return replace(evaluation.evidence.identification.diagnosis, **changes)
+    return replace(evaluation.evidence.identification.judgement.diagnosis, **changes)
 
 
 def test_a_clean_campaign_has_one_panel_and_two_sentences(evaluation: Evaluation) -> None:
@@ -83,7 +83,7 @@ def test_events_are_marked_at_their_shots_in_the_order_of_time(evaluation: Evalu
         (place_of[40] - 0.5, place_of[96] + 0.5),
     ]
     pairs = marks["hold-out pairs"]
-    unseen = evaluation.evidence.identification.unseen
+    unseen = evaluation.evidence.identification.residuals.unseen
     drawn_mm = np.maximum(np.abs(unseen.after[:, 0]), 1e-3)  # the axis is logarithmic
     assert list(pairs.get_ydata()) == pytest.approx(drawn_mm)
     assert min(pairs.get_xdata()) > place_of[79], "hold-out pairs were measured last"
@@ -108,7 +108,7 @@ def test_shots_of_a_check_that_updated_a_result_stand_alone(evaluation: Evaluati
 
 
 def test_the_stand_is_drawn_where_it_moved_more_than_noise(evaluation: Evaluation) -> None:
-    count = len(evaluation.evidence.identification.diagnosis.numbers)
+    count = len(evaluation.evidence.identification.judgement.diagnosis.numbers)
     moved_mm = np.outer(np.linspace(-0.1, 0.1, count), [1.0, 0.0, -0.5])
     diagnosis = diagnosed(evaluation, stand_mm=tuple(map(tuple, (moved_mm + 3.0).tolist())))
     moved = Finding("stand", "the stand moved", None, {"mm": 0.2})
@@ -123,7 +123,7 @@ def test_the_stand_is_drawn_where_it_moved_more_than_noise(evaluation: Evaluatio
     # each session has a stand of its own
     numbers = course.diagnosis.numbers
     sessions = tuple(
-        SessionFrame(shots, evaluation.evidence.identification.frame)
+        SessionFrame(shots, evaluation.evidence.identification.value.frame)
         for shots in (numbers[:30], numbers[30:])
     )
     course = course_of(evaluation, diagnosis=diagnosis, findings=(moved,), sessions=sessions)
@@ -149,8 +149,8 @@ def test_periods_are_drawn_from_100_to_1_over_turns_or_mm(evaluation: Evaluation
 
 def test_unexplained_errors_are_arrows_in_the_base_frame(evaluation: Evaluation) -> None:
     identification = evaluation.evidence.identification
-    count = len(identification.diagnosis.numbers)
-    rotation = identification.frame.tracker_from_base.rotation
+    count = len(identification.judgement.diagnosis.numbers)
+    rotation = identification.value.frame.tracker_from_base.rotation
     in_tracker = np.tile(rotation @ [0.2, 0.0, 0.0], (count, 1))
     diagnosis = diagnosed(evaluation, unexplained_mm=tuple(map(tuple, in_tracker.tolist())))
     course = course_of(evaluation, diagnosis=diagnosis)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from changed_results import with_fields
 from paper_campaign import LOAD_BEGUN, NOMINAL, PaperCampaign, new_campaign
 
 from app.cli.report import report
@@ -75,7 +76,7 @@ def words_on(page: Page, section: str = "") -> str:
 def identified(evaluation: Evaluation, **changes: object) -> Evaluation:
     """A campaign with another identification; without correlations, whose figure takes a while."""
     evidence = evaluation.evidence
-    result = replace(evidence.identification, **({"covariance": None} | changes))
+    result = with_fields(evidence.identification, **({"covariance": None} | changes))
     return Evaluation(replace(evidence, identification=result))
 
 
@@ -365,7 +366,7 @@ def test_a_load_without_an_end_stands_above_the_verdict(tmp_path: Path) -> None:
 def test_a_parameter_says_whether_it_was_fitted_determined_and_changed(
     evaluation: Evaluation,
 ) -> None:
-    fitted = evaluation.evidence.identification.parameters["plate_mm"]
+    fitted = evaluation.evidence.identification.value.parameters["plate_mm"]
     plate = replace(fitted, nominal=1.0, std=0.1)
     values = {
         "arm0.x_mm": replace(plate, value=1.19),

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from changed_results import with_fields
 from paper_campaign import CONTROLLER, NOMINAL, PaperCampaign
 from tested_journal import plain_journal
 
@@ -26,8 +27,8 @@ def with_parameters(
 ) -> RecordedIdentification:
     """The identification with further free parameters of this value."""
     free = IdentifiedParameter(nominal=0.0, value=value, std=0.1 * value, free=True)
-    parameters = {**identification.parameters, **dict.fromkeys(names, free)}
-    return replace(identification, parameters=parameters)
+    parameters = {**identification.value.parameters, **dict.fromkeys(names, free)}
+    return with_fields(identification, parameters=parameters)
 
 
 def exported(identification: RecordedIdentification) -> RobotFile:
@@ -38,10 +39,10 @@ def exported(identification: RecordedIdentification) -> RobotFile:
 
 def test_exported_parameters_and_deviations_are_read_back(identification) -> None:
     robot = exported(identification)
-    assert robot.digest() == identification.parameter_set(NOMINAL.robot.mechanism).digest()
+    assert robot.digest() == identification.value.parameter_set(NOMINAL.robot.mechanism).digest()
     for name in NOMINAL.robot.parameters:
-        assert robot.parameters[name] == identification.parameters[name].value
-        assert robot.parameters.std.get(name) == identification.parameters[name].std
+        assert robot.parameters[name] == identification.value.parameters[name].value
+        assert robot.parameters.std.get(name) == identification.value.parameters[name].std
     assert robot.name == "par4-prototype-compensated"
     assert robot.limits == NOMINAL.robot.limits
 
@@ -53,20 +54,20 @@ def test_tilts_gear_errors_and_the_nominal_robots_ripple_rate_are_exported(ident
     for rate in (29.0, 30.0):
         nominal = with_ripples_per_turn(NOMINAL, rate)
         further = with_parameters(identification, names, 0.02)
-        geared = replace(further, robot_digest=nominal.robot.digest())
+        geared = with_fields(further, robot_digest=nominal.robot.digest())
         robot = compensated_robot("press 4", nominal, geared).robot
         for name in names:
             assert robot.parameters[name] == 0.02
             assert robot.parameters.std[name] == pytest.approx(0.002)
         assert robot.parameters["ripples_per_turn"] == robot.mechanism.rate == rate
-        assert geared.parameter_set(nominal.robot.mechanism).digest() == robot.digest()
+        assert geared.value.parameter_set(nominal.robot.mechanism).digest() == robot.digest()
         digests.add(robot.digest())
     assert len(digests) == 2
 
 
 def test_expansions_are_stated_with_the_temperature_of_the_parameters(identification) -> None:
     grown = with_parameters(identification, ("arm_expansion_ppm",), 20.0)
-    robot = exported(replace(grown, reference_degC=20.0))
+    robot = exported(with_fields(grown, reference_degC=20.0))
     assert robot.digest() == exported(identification).digest()
     assert (robot.expansions, robot.reference_degC) == ({"arm_expansion_ppm": 20.0}, 20.0)
 
@@ -83,7 +84,7 @@ def test_provenance_says_where_everything_comes_from(identification, serial, sta
         "nominal_robot": "par4-prototype",
         "nominal_digest": NOMINAL.robot.digest(),
         "controller_serial": stated,
-        "identified_utc": identification.at_utc,
+        "identified_utc": identification.provenance.at_utc,
         **{key: document[key] for key in (*copied, "residuals_mm", "unseen_mm")},
     }
 
@@ -91,7 +92,9 @@ def test_provenance_says_where_everything_comes_from(identification, serial, sta
 def test_result_that_did_not_pass_or_is_of_another_nominal_robot_is_not_exported(
     identification,
 ) -> None:
-    failed = replace(identification, verdict="not decided", reasons=("pairs worse", "rank lost"))
+    failed = with_fields(
+        identification, verdict="not decided", reasons=("pairs worse", "rank lost")
+    )
     with pytest.raises(errors.VerdictBad, match="'not decided': pairs worse; rank lost"):
         compensated_robot("press 4", NOMINAL, failed)
     with pytest.raises(errors.VerdictBad, match="rests on another nominal robot"):
@@ -105,10 +108,10 @@ def test_latest_identification_counts_also_where_it_cannot_be_read(
         with pytest.raises(errors.ShotsMissing, match="nothing has been identified"):
             latest_identification(journal)
         for shots in (1, 2):
-            recorded = replace(identification, shots=shots)
+            recorded = with_fields(identification, shots=shots)
             journal.append(Finding("identification", recorded.document()))
         journal.append(Finding("load", {"source": "robot.yaml"}))
-        assert latest_identification(journal).shots == 2
+        assert latest_identification(journal).provenance.shots == 2
         journal.append(Finding("identification", {"verdict": "pass"}))
         with pytest.raises(errors.FindingUnreadable, match="identify DIR` again"):
             latest_identification(journal)

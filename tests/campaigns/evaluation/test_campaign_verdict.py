@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from changed_results import with_fields
 
 from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.evaluation.verdict import (
@@ -108,7 +109,7 @@ def test_distances_that_became_worse_fail_beyond_their_uncertainty(after):
 def test_a_campaigns_verdict_rests_on_its_own_identification(evaluation):
     evidence = evaluation.evidence
     assert "The identification passed" in evaluation.verdict.reasons[0]
-    failed = replace(evidence.identification, verdict="fail", reasons=("why",))
+    failed = with_fields(evidence.identification, verdict="fail", reasons=("why",))
     for identification, decision in ((failed, "fail"), (None, "not decided")):
         verdict = Evaluation(replace(evidence, identification=identification)).verdict
         assert verdict.decision == decision

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from changed_results import with_fields
 from paper_campaign import LOAD_BEGUN, NOISE_MM, NOMINAL, PaperCampaign
 
 from campaigns.campaign import open_campaign
@@ -18,11 +19,11 @@ def test_pairs_that_the_identification_held_out_itself_are_unseen(whole: PaperCa
     shots = held_out(gather(whole.campaign).run.shots, 0.2, np.random.default_rng(1))
     found = identify(NOMINAL.robot.kinematics, shots)
     evidence = gather(whole.campaign)
-    kept = replace(evidence.identification, modelled=found.modelled)
+    kept = with_fields(evidence.identification, modelled=found.residuals.modelled)
     errors = Evaluation(replace(evidence, identification=kept)).errors
     assert (len(errors.fitted.numbers), len(errors.unseen.numbers)) == (32, 8 + 8)
-    assert errors.unseen.before_mm == pytest.approx(found.unseen.before[:, 0])
-    assert errors.unseen.after_mm == pytest.approx(found.unseen.after[:, 0])
+    assert errors.unseen.before_mm == pytest.approx(found.residuals.unseen.before[:, 0])
+    assert errors.unseen.after_mm == pytest.approx(found.residuals.unseen.after[:, 0])
 
 
 def test_positions_are_in_the_base_frame_and_drift_and_air_in_their_time(evaluation) -> None:

@@ -47,7 +47,7 @@ def test_without_a_measurement_before_the_gain_is_that_of_the_model() -> None:
 def test_the_robots_scatter_is_in_the_uncertainty_of_a_comparison(whole: PaperCampaign) -> None:
     found = evaluate(whole.campaign)
     assert found.scatter.source == "identification"
-    after, noise = found.after, found.evidence.identification.scatter
+    after, noise = found.after, found.evidence.identification.uncertainty.scatter
     assert found.scatter.point_mm == noise.point_mm
     assert found.scatter.joint == np.radians(noise.joint)
     plain, compared = after.figures()["rotation"], after.comparable_figures()["rotation"]

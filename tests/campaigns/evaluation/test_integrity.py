@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from changed_results import with_fields
 from paper_campaign import NOMINAL, PaperCampaign, new_campaign
 
 from campaigns.evaluation.verdict import Check
@@ -48,8 +49,8 @@ def test_each_file_of_another_campaign_is_found_and_only_that(evidence, tmp_path
     shorter = evidence.plan[:-1]
     write_plan(campaign.plan_path, shorter, campaign.robot.mechanism)
     identification, nominal = evidence.identification, NOMINAL.robot.digest()
-    other_robot = replace(identification, robot_digest="0" * 64)
-    other_journal = replace(identification, journal_digest="0" * 64)
+    other_robot = with_fields(identification, robot_digest="0" * 64)
+    other_journal = with_fields(identification, journal_digest="0" * 64)
     rolled_back = replace(evidence.loaded, digest=nominal)
     for statement, exchanged in {
         "plan.csv": replace(evidence, campaign=campaign, plan=shorter),
@@ -93,7 +94,7 @@ def reconfigured(evidence: Evidence, **changes: object) -> Evidence:
 def judged_now(evidence: Evidence, **changes: object) -> Evidence:
     """Of an identification by today's settings, with changes."""
     settings = evidence.campaign.identification_settings
-    found = replace(evidence.identification, settings=settings, **changes)
+    found = with_fields(evidence.identification, settings=settings, **changes)
     return replace(evidence, identification=found)
 
 

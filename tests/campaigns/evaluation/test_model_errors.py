@@ -64,12 +64,16 @@ def rms(errors_mm):
 def test_errors_are_as_small_as_if_nobody_had_moved_the_tracker(shots, errors_of, by_sessions):
     errors = errors_of(shots, read_identification(by_sessions.document()))
     assert len(errors.positions.after_mm) == len(shots)
-    for after_mm in (by_sessions.fitted.after, errors.positions.after_mm, errors.unseen.after_mm):
+    for after_mm in (
+        by_sessions.residuals.fitted.after,
+        errors.positions.after_mm,
+        errors.unseen.after_mm,
+    ):
         assert rms(after_mm) < 2.0 * NOISE_MM
 
 
 def test_frames_are_those_in_which_the_tracker_stood(shots, by_sessions):
-    first, second = by_sessions.sessions
+    first, second = by_sessions.value.sessions
     assert first.shots == tuple(n for n in shots.numbers if n < MOVED_AT)
     assert second.shots == tuple(n for n in shots.numbers if n >= MOVED_AT)
     base_from_first = first.frame.tracker_from_base.inverted()
@@ -87,8 +91,8 @@ def test_distances_between_sessions_are_none(shots, errors_of):
     points[before], session[before] = ELSEWHERE.apply(points[before]), 1
     data = replace(shots, session=session, points_in_tracker_mm=points)
     found = recorded(data, "paper")
-    assert [excluded.pair for excluded in found.excluded] == [data.pairs[MOVED_AT - 1]]
+    assert [excluded.pair for excluded in found.judgement.excluded] == [data.pairs[MOVED_AT - 1]]
     errors = errors_of(data, found)
     assert len(errors.fitted.numbers) == 59
     assert rms(errors.fitted.after_mm) < 2.0 * NOISE_MM
-    assert found.verdict == "pass"
+    assert found.judgement.verdict == "pass"

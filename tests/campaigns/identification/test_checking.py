@@ -45,7 +45,7 @@ def few(former, count=8, encoder_deg=0.0, seed=1):
 
 def test_an_unchanged_robot_is_good_wherever_the_tracker_stands(former):
     campaign, found, how = former
-    judged = check(campaign.robot.kinematics, few(former), found.posterior, how)
+    judged = check(campaign.robot.kinematics, few(former), found.uncertainty.posterior, how)
     assert judged.decision == "pass"
     assert judged.parts == ()
 
@@ -53,22 +53,24 @@ def test_an_unchanged_robot_is_good_wherever_the_tracker_stands(former):
 def test_a_moved_encoder_is_named_and_the_update_corrects_it(former):
     campaign, found, how = former
     shots = few(former, encoder_deg=0.05)
-    judged = check(campaign.robot.kinematics, shots, found.posterior, how)
+    judged = check(campaign.robot.kinematics, shots, found.uncertainty.posterior, how)
     assert judged.decision == "fail"
     assert "encoder 0" in judged.parts
-    updated = update(campaign.robot.kinematics, shots, found.posterior, how, judged.parts)
-    assert updated.verdict == "pass", updated.reasons
+    updated = update(
+        campaign.robot.kinematics, shots, found.uncertainty.posterior, how, judged.parts
+    )
+    assert updated.judgement.verdict == "pass", updated.judgement.reasons
     campaign.truth.encoder_shift[0] = np.radians(0.05)
     before_mm, after_mm = map(campaign.position_error_mm, (found, updated))
     campaign.truth.encoder_shift[0] = 0.0
     assert after_mm < 0.3 * before_mm
-    assert after_mm < 2.0 * updated.position_std_mm.rms
+    assert after_mm < 2.0 * updated.uncertainty.position_std_mm.rms
 
 
 def test_too_few_shots_decide_nothing(former):
     campaign, found, how = former
     nominal = campaign.robot.kinematics
-    judged = check(nominal, few(former, count=4), found.posterior, how)
+    judged = check(nominal, few(former, count=4), found.uncertainty.posterior, how)
     assert judged.decision == "not decided"
     assert "4 shots are too few" in judged.says
 
@@ -77,9 +79,12 @@ def test_held_parameters_and_a_former_result_with_held_ones_can_be_checked(forme
     campaign, found, _ = former
     nominal = campaign.robot.kinematics
     fixed = IdentificationOptions(fix=("rods",))
-    assert check(nominal, few(former), found.posterior, fixed).decision == "pass"
+    assert check(nominal, few(former), found.uncertainty.posterior, fixed).decision == "pass"
     held = identify(nominal, campaign.shots, fixed)
-    assert check(nominal, few(former), held.posterior, IdentificationOptions()).decision == "pass"
+    assert (
+        check(nominal, few(former), held.uncertainty.posterior, IdentificationOptions()).decision
+        == "pass"
+    )
 
 
 def test_a_result_of_another_kind_of_robot_is_refused(former):
@@ -89,7 +94,7 @@ def test_a_result_of_another_kind_of_robot_is_refused(former):
     joints = other.inverse(poses).values_or_raise()
     shots = replace(few(former), joints=joints, approach=np.zeros_like(joints), commanded=poses)
     with pytest.raises(IdentificationRefused, match="other unknowns"):
-        check(other, shots, found.posterior, how)
+        check(other, shots, found.uncertainty.posterior, how)
 
 
 # Algebra
@@ -113,7 +118,7 @@ def permuted(posterior, seed=1):
 
 def test_the_prior_of_new_shots_is_the_former_posterior_widened_by_the_drift(former):
     campaign, found, how = former
-    nominal, posterior = campaign.robot.kinematics, found.posterior
+    nominal, posterior = campaign.robot.kinematics, found.uncertainty.posterior
     fit = fit_with_former(nominal, few(former), posterior, how)
     widened = np.linalg.inv(fit.prior.precision) - np.array(posterior.covariance)
     drift = dict(zip(fit.model.names, np.sqrt(np.abs(np.diag(widened))), strict=True))
@@ -143,25 +148,25 @@ def test_the_prior_of_new_shots_is_the_former_posterior_widened_by_the_drift(for
 def test_the_order_and_the_tolerances_of_a_stored_posterior_do_not_matter(former):
     campaign, found, how = former
     nominal = campaign.robot.kinematics
-    same = fit_with_former(nominal, few(former), found.posterior, how)
-    other = fit_with_former(nominal, few(former), permuted(found.posterior), how)
+    same = fit_with_former(nominal, few(former), found.uncertainty.posterior, how)
+    other = fit_with_former(nominal, few(former), permuted(found.uncertainty.posterior), how)
     assert other.prior.mean == pytest.approx(same.prior.mean)
     assert other.x / same.std == pytest.approx(same.x / same.std, abs=1e-3)
     assert other.std == pytest.approx(same.std, rel=1e-4)
     of_both = [
         former_datum(posterior, same).projector
-        for posterior in (found.posterior, permuted(found.posterior))
+        for posterior in (found.uncertainty.posterior, permuted(found.uncertainty.posterior))
     ]
     assert of_both[0] == pytest.approx(of_both[1], abs=1e-6)
-    z = np.array(found.posterior.undetermined).T
+    z = np.array(found.uncertainty.posterior.undetermined).T
     assert of_both[0] @ z == pytest.approx(0.0 * z, abs=1e-7)
 
 
 def test_the_misfit_is_that_of_shots_and_prior_together(former):
     campaign, found, how = former
-    fit = fit_with_former(campaign.robot.kinematics, few(former), found.posterior, how)
+    fit = fit_with_former(campaign.robot.kinematics, few(former), found.uncertainty.posterior, how)
     misfit = misfit_of(fit)
-    deviation = fit.x - np.array(found.posterior.mean)
+    deviation = fit.x - np.array(found.uncertainty.posterior.mean)
     expected = sum(r @ w @ r for r, w in zip(fit.at.residual, fit.weights, strict=True))
     expected += deviation @ fit.prior.precision @ deviation
     assert misfit.chi2 == pytest.approx(expected)
@@ -179,11 +184,15 @@ def test_a_wrong_shot_of_a_check_is_named_and_decides_nothing_two_fail(former):
     nominal, shots = campaign.robot.kinematics, few(former)
     points = shots.points_in_tracker_mm.copy()
     points[3] += [0.5, 0.0, 0.3]
-    one = check(nominal, replace(shots, points_in_tracker_mm=points), found.posterior, how)
+    one = check(
+        nominal, replace(shots, points_in_tracker_mm=points), found.uncertainty.posterior, how
+    )
     assert (one.decision, one.wrong) == ("not decided", (shots.numbers[3],))
     assert f"shot {shots.numbers[3]} contradicts all others: measure it again" in one.says
     points[6] += [0.0, 1.0, -0.7]
-    two = check(nominal, replace(shots, points_in_tracker_mm=points), found.posterior, how)
+    two = check(
+        nominal, replace(shots, points_in_tracker_mm=points), found.uncertainty.posterior, how
+    )
     assert (two.decision, two.wrong) == ("fail", (shots.numbers[3], shots.numbers[6]))
 
 
@@ -192,6 +201,6 @@ def test_shots_that_scatter_more_than_ever_contradict_the_former_result(former):
     shots = few(former, count=12)
     noise_mm = 0.06 * np.random.default_rng(4).standard_normal(shots.points_in_tracker_mm.shape)
     scattered = replace(shots, points_in_tracker_mm=shots.points_in_tracker_mm + noise_mm)
-    judged = check(campaign.robot.kinematics, scattered, found.posterior, how)
+    judged = check(campaign.robot.kinematics, scattered, found.uncertainty.posterior, how)
     assert judged.decision == "fail"
     assert judged.p < 1e-3

@@ -26,15 +26,15 @@ def identified(campaign, **options):
 
 
 def obstacles(result):
-    return [finding.name for finding in result.findings if finding.affects_verdict]
+    return [finding.name for finding in result.judgement.findings if finding.affects_verdict]
 
 
 def left_out(result):
-    return {excluded.shot for excluded in result.excluded if excluded.size_mm is not None}
+    return {excluded.shot for excluded in result.judgement.excluded if excluded.size_mm is not None}
 
 
 def changes(result):
-    return [finding for finding in result.findings if finding.name == findings.CHANGE]
+    return [finding for finding in result.judgement.findings if finding.name == findings.CHANGE]
 
 
 @pytest.fixture(scope="module")
@@ -47,11 +47,11 @@ def clean():
 def test_what_is_wrong_with_a_robot_is_corrected_and_stated_truly(name):
     campaign = rod_campaign(name, SMALL, shots=SHOTS, seed=2)
     result = identified(campaign)
-    assert result.verdict == "pass", result.reasons
+    assert result.judgement.verdict == "pass", result.judgement.reasons
     real_mm = campaign.position_error_mm(result)
-    assert real_mm < 2.0 * result.position_std_mm.rms
+    assert real_mm < 2.0 * result.uncertainty.position_std_mm.rms
     assert real_mm < 0.05
-    assert result.residuals_mm.before.rms > 20.0 * result.residuals_mm.after.rms
+    assert result.residuals.residuals_mm.before.rms > 20.0 * result.residuals.residuals_mm.after.rms
 
 
 @pytest.mark.parametrize(
@@ -67,31 +67,33 @@ def test_large_errors_are_corrected_without_a_choice_of_models(errors):
     campaign = rod_campaign("par4-prototype", errors, shots=SHOTS, seed=5)
     result = identified(campaign)
     real_mm = campaign.position_error_mm(result)
-    assert result.converged
-    assert real_mm < 2.0 * result.position_std_mm.rms
+    assert result.provenance.converged
+    assert real_mm < 2.0 * result.uncertainty.position_std_mm.rms
     assert real_mm < 0.06
     assert left_out(result) == set()
 
 
 def test_clean_robot_passes_and_its_scatter_is_separated_from_the_trackers_noise(clean):
     campaign, result = clean
-    assert result.verdict == "pass"
+    assert result.judgement.verdict == "pass"
     assert campaign.position_error_mm(result) < 0.03
-    assert campaign.position_error_mm(result) < 2.0 * result.position_std_mm.rms
-    assert result.scatter.point_mm < 0.01
-    assert result.scatter.instrument == {}
-    shares_mm = np.array([share.mm for share in result.budget])
-    assert np.sqrt((shares_mm**2).sum()) == pytest.approx(result.position_std_mm.rms, rel=1e-6)
-    kinds = {share.source: share.kind for share in result.budget}
+    assert campaign.position_error_mm(result) < 2.0 * result.uncertainty.position_std_mm.rms
+    assert result.uncertainty.scatter.point_mm < 0.01
+    assert result.uncertainty.scatter.instrument == {}
+    shares_mm = np.array([share.mm for share in result.uncertainty.budget])
+    assert np.sqrt((shares_mm**2).sum()) == pytest.approx(
+        result.uncertainty.position_std_mm.rms, rel=1e-6
+    )
+    kinds = {share.source: share.kind for share in result.uncertainty.budget}
     assert (kinds["stated"], kinds["points"]) == ("B", "A")
 
 
 def test_noise_that_a_file_does_not_state_is_estimated():
     campaign = rod_campaign("delta", shots=SHOTS, seed=4, noise_mm=0.03, stated=False)
     result = identified(campaign)
-    assert result.verdict == "pass"
-    assert set(result.scatter.instrument) == {"along", "across"}
-    assert campaign.position_error_mm(result) < 2.0 * result.position_std_mm.rms
+    assert result.judgement.verdict == "pass"
+    assert set(result.uncertainty.scatter.instrument) == {"along", "across"}
+    assert campaign.position_error_mm(result) < 2.0 * result.uncertainty.position_std_mm.rms
 
 
 def test_a_gross_shot_is_left_out_by_name_and_good_ones_never(clean):
@@ -101,8 +103,8 @@ def test_a_gross_shot_is_left_out_by_name_and_good_ones_never(clean):
     points[40] += 900.0  # another target
     result = identified(with_points(campaign, points))
     assert left_out(result) == {17, 40}
-    assert result.verdict == "pass"
-    assert campaign.position_error_mm(result) < 2.0 * result.position_std_mm.rms
+    assert result.judgement.verdict == "pass"
+    assert campaign.position_error_mm(result) < 2.0 * result.uncertainty.position_std_mm.rms
 
 
 @pytest.mark.parametrize(
@@ -117,7 +119,7 @@ def test_a_change_in_time_fails_with_its_part_and_its_shots(clean, part, since, 
     else:
         points[since:until] += [0.15, -0.1, 0.12]
     result = identified(with_joints(with_points(campaign, points), joints))
-    assert result.verdict == "fail"
+    assert result.judgement.verdict == "fail"
     change = changes(result)[0]
     assert part in change.says
     assert change.numbers["before_shot"] == pytest.approx(since, abs=2)
@@ -144,7 +146,7 @@ def test_joints_of_another_instant_are_a_scatter_that_no_robot_has(clean):
         campaign.shots.joints.shape
     )
     result = identified(with_joints(campaign, moved))
-    assert result.verdict == "fail"
+    assert result.judgement.verdict == "fail"
     assert findings.SCATTER in obstacles(result)
 
 
@@ -153,9 +155,9 @@ def test_joints_read_before_they_arrived_are_corrected_and_named(clean):
     joints = campaign.shots.joints
     lagging = joints + 0.001 * (np.roll(joints, 1, axis=0) - joints)
     result = identified(with_joints(campaign, lagging))
-    (lag,) = [finding for finding in result.findings if finding.name == findings.LAG]
+    (lag,) = [finding for finding in result.judgement.findings if finding.name == findings.LAG]
     assert lag.numbers["share"] == pytest.approx(0.001, rel=0.1)
-    assert result.position_std_mm.rms < 0.03
+    assert result.uncertainty.position_std_mm.rms < 0.03
 
 
 def test_a_wrong_nominal_length_is_a_finding_until_it_is_accepted(clean):
@@ -167,22 +169,22 @@ def test_a_wrong_nominal_length_is_a_finding_until_it_is_accepted(clean):
         how = IdentificationOptions(accept_large_change=accepts)
         result = identify(nominal, campaign.shots, how)
         assert (findings.BEYOND_TOLERANCE in obstacles(result)) != accepts
-        assert bool(result.accepted) == accepts
+        assert bool(result.judgement.accepted) == accepts
 
 
 def test_without_pairs_to_judge_by_nothing_is_decided(clean):
     campaign, _ = clean
     result = identified(replace(campaign, shots=campaign.shots.of_set(ShotSet.IDENTIFICATION)))
-    assert result.verdict == "not decided"
+    assert result.judgement.verdict == "not decided"
     assert obstacles(result) == [findings.NOTHING_UNSEEN]
 
 
 def test_options_hold_parameters_and_change_tolerances(clean):
     campaign, _ = clean
     result = identified(campaign, fix=("arm1.*", "eccentricity"), prior=("arm2.arm_mm=0.001",))
-    assert not [name for name in result.free if name.startswith("arm1.")]
-    assert not [name for name in result.free if "eccentricity" in name]
-    assert abs(result.parameters["arm2.arm_mm"].delta) < 0.01
+    assert not [name for name in result.value.free if name.startswith("arm1.")]
+    assert not [name for name in result.value.free if "eccentricity" in name]
+    assert abs(result.value.parameters["arm2.arm_mm"].delta) < 0.01
 
 
 def test_a_known_length_measures_the_scale_unless_it_is_held(clean):
@@ -193,12 +195,12 @@ def test_a_known_length_measures_the_scale_unless_it_is_held(clean):
     points[second] = points[first] + [0.0, 0.0, 5000.0 * (1.0 + 1e-4)]
     shots = replace(shots, purposes=tuple(purposes), points_in_tracker_mm=points)
     campaign = replace(clean[0], shots=shots)
-    scale_ppm, std_ppm = identified(campaign, known_lengths=(bar,)).tracker["scale"]
+    scale_ppm, std_ppm = identified(campaign, known_lengths=(bar,)).value.tracker["scale"]
     assert std_ppm < 5.0
     assert scale_ppm == pytest.approx(100.0, abs=3.0 * std_ppm)
     held = identified(campaign, known_lengths=(bar,), fix=("scale",))
-    assert "scale" not in held.tracker
-    assert held.verdict == "pass", held.reasons
+    assert "scale" not in held.value.tracker
+    assert held.judgement.verdict == "pass", held.judgement.reasons
 
 
 def test_too_few_shots_and_points_on_a_line_are_refused(clean):
@@ -213,31 +215,33 @@ def test_too_few_shots_and_points_on_a_line_are_refused(clean):
 
 def test_the_papers_model_fits_its_parameters_by_distances(clean):
     result = identified(clean[0], model="paper")
-    assert len(result.free) == 22
-    assert result.residuals_mm.after.rms < 0.1 * result.residuals_mm.before.rms
-    assert result.posterior is None
+    assert len(result.value.free) == 22
+    assert result.residuals.residuals_mm.after.rms < 0.1 * result.residuals.residuals_mm.before.rms
+    assert result.uncertainty.posterior is None
 
 
 def test_the_papers_model_states_sigma_of_positions_or_does_not_pass():
     campaign = rod_campaign("par4-prototype", shots=120, pairs=20, seed=3)
     result = identified(campaign, model="paper")
-    assert result.verdict == "pass", result.reasons
+    assert result.judgement.verdict == "pass", result.judgement.reasons
     real_mm = campaign.position_error_mm(result)
-    assert 0.4 * real_mm < result.position_std_mm.rms < 2.0 * real_mm
-    assert [share.mm for share in result.budget] == [result.position_std_mm.rms]
-    assert any("tilts, gears" in finding.says for finding in result.findings)
+    assert 0.4 * real_mm < result.uncertainty.position_std_mm.rms < 2.0 * real_mm
+    assert [share.mm for share in result.uncertainty.budget] == [
+        result.uncertainty.position_std_mm.rms
+    ]
+    assert any("tilts, gears" in finding.says for finding in result.judgement.findings)
     without = identify(
         campaign.robot.kinematics, campaign.shots, IdentificationOptions(model="paper")
     )
-    assert without.verdict == "not decided"
-    assert without.obstacles == (findings.NO_POSITIONS,)
+    assert without.judgement.verdict == "not decided"
+    assert without.judgement.obstacles == (findings.NO_POSITIONS,)
 
 
 def test_the_papers_model_has_no_sigma_from_as_many_pairs_as_parameters():
     campaign = rod_campaign("par4-prototype", shots=44, pairs=20, seed=3)
     result = identified(campaign, model="paper")
-    assert result.verdict != "pass"
-    assert result.position_std_mm is None
+    assert result.judgement.verdict != "pass"
+    assert result.uncertainty.position_std_mm is None
 
 
 def test_the_papers_model_refuses_a_gross_point_and_names_its_pair():
@@ -264,7 +268,7 @@ def test_a_change_beside_a_period_that_becomes_the_robots_own_is_found(clean):
     order = campaign.shots.order_of_time()
     joints[order[40:], 1] += np.radians(0.05)
     result = identified(with_joints(campaign, joints))
-    assert result.parameters["ripples_per_turn"].value == pytest.approx(50.0, abs=0.3)
+    assert result.value.parameters["ripples_per_turn"].value == pytest.approx(50.0, abs=0.3)
     (change,) = changes(result)
     assert change.numbers["part"] == "encoder 1"
 
@@ -277,10 +281,10 @@ def test_parameters_far_beyond_their_tolerance_are_those_of_the_fit():
     assert "beyond-tolerance" in obstacles(result)
     assert findings.NOT_REPRODUCED not in obstacles(result)
     robot = campaign.robot.of(
-        campaign.robot.mechanism, result.flat(), name="found", limits=campaign.robot.limits
+        campaign.robot.mechanism, result.value.flat(), name="found", limits=campaign.robot.limits
     )
     rows = shots.rows_of(ShotSet.IDENTIFICATION)
     poses = robot.kinematics.forward(shots.joints[rows], approach=shots.approach[rows])
     placed = fit_transform(poses.values_or_raise()[:, :3], shots.points_in_tracker_mm[rows])
     apart = placed.apply(poses.values[:, :3]) - shots.points_in_tracker_mm[rows]
-    assert np.sqrt((apart**2).sum(axis=1).mean()) < 1.5 * result.residuals_mm.after.rms
+    assert np.sqrt((apart**2).sum(axis=1).mean()) < 1.5 * result.residuals.residuals_mm.after.rms

@@ -30,23 +30,25 @@ def kinked():
 
 def test_a_kink_is_an_error_without_a_known_source_and_no_wrong_shot(kinked):
     _, result = kinked
-    (layer,) = [finding for finding in result.findings if finding.name == findings.LAYER]
+    (layer,) = [finding for finding in result.judgement.findings if finding.name == findings.LAYER]
     assert layer.decision is None
     assert 0.02 < layer.numbers["mm"] < 0.5
-    assert not [event for event in result.events if event.kind == "wrong shot"]
+    assert not [event for event in result.judgement.events if event.kind == "wrong shot"]
 
 
 def test_positions_by_parameters_alone_state_the_error_that_correct_follows(kinked):
     _, result = kinked
-    std = result.position_std_mm
+    std = result.uncertainty.position_std_mm
     assert std.corrected < std.rms
-    assert std.rms**2 == pytest.approx(sum(share.mm**2 for share in result.budget), rel=1e-3)
+    assert std.rms**2 == pytest.approx(
+        sum(share.mm**2 for share in result.uncertainty.budget), rel=1e-3
+    )
 
 
 def test_corrected_targets_follow_the_kink(kinked):
     campaign, result = kinked
     robot = campaign.robot
-    identified = robot.of(robot.mechanism, result.flat(), name="found", limits=robot.limits)
+    identified = robot.of(robot.mechanism, result.value.flat(), name="found", limits=robot.limits)
     poses = sample_workspace(robot, 60, seed=3)
 
     def error_mm(layers):
@@ -58,4 +60,4 @@ def test_corrected_targets_follow_the_kink(kinked):
         placed = fit_transform(points, poses[:, :3]).apply(points)
         return float(np.sqrt(((placed - poses[:, :3]) ** 2).sum(axis=1).mean()))
 
-    assert error_mm(result.layers) < 0.6 * error_mm(())
+    assert error_mm(result.value.layers) < 0.6 * error_mm(())

@@ -30,12 +30,12 @@ def stating(name, line):
 def test_positions_are_right_wherever_the_reflector_is(name):
     campaign = rod_campaign(name, RODS, seed=3, reflector_mm=ELSEWHERE_MM)
     result = identified(campaign)
-    assert result.verdict == "pass", result.reasons
+    assert result.judgement.verdict == "pass", result.judgement.reasons
     real_mm = campaign.position_error_mm(result)
-    assert real_mm < 1.5 * result.position_std_mm.rms
+    assert real_mm < 1.5 * result.uncertainty.position_std_mm.rms
     assert real_mm < 0.03
     for axis, true_mm in zip("xyz", ELSEWHERE_MM, strict=True):
-        fitted = result.parameters[f"reflector_{axis}_mm"]
+        fitted = result.value.parameters[f"reflector_{axis}_mm"]
         assert abs(fitted.delta - true_mm) < 3.0 * fitted.std
         assert fitted.std < 25.0
 
@@ -44,7 +44,7 @@ def test_stated_place_that_is_far_off_is_a_finding():
     robot = stating("par4-prototype", "reflector_mm: [0.0, 0.0, 0.0]")
     campaign = rod_campaign(robot, RODS, seed=3, reflector_mm=[60.0, 0.0, -60.0])
     result = identified(campaign)
-    found = [f for f in result.findings if f.name == BEYOND_TOLERANCE]
+    found = [f for f in result.judgement.findings if f.name == BEYOND_TOLERANCE]
     places = [f for f in found if str(f.numbers["parameter"]).startswith("reflector_")]
     assert len(places) == 1, found
     assert places[0].decision == "fail"
@@ -58,8 +58,8 @@ def test_stated_place_that_is_right_costs_no_uncertainty():
         identified(rod_campaign(robot, RODS, seed=4, reflector_mm=ELSEWHERE_MM))
         for robot in ("par4-prototype", stating("par4-prototype", f"reflector_mm: {ELSEWHERE_MM}"))
     )
-    assert stated.verdict == "pass", stated.reasons
-    stds_mm = [result.parameters["reflector_z_mm"].std for result in (silent, stated)]
+    assert stated.judgement.verdict == "pass", stated.judgement.reasons
+    stds_mm = [result.value.parameters["reflector_z_mm"].std for result in (silent, stated)]
     assert stds_mm[1] < min(3.0, stds_mm[0])
-    assert stated.position_std_mm.rms < 1.02 * silent.position_std_mm.rms
+    assert stated.uncertainty.position_std_mm.rms < 1.02 * silent.uncertainty.position_std_mm.rms
     assert np.isfinite(stds_mm).all()

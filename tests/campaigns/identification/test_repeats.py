@@ -43,9 +43,9 @@ def stated(campaign, shots):
 def test_scatter_that_visits_do_not_show_is_an_error_of_every_position(campaign):
     repeats = stated(campaign, with_visits(campaign, 0.05, 0.003))
     scatters = stated(campaign, with_visits(campaign, 0.05, 0.05))
-    rows = {share.source: share.mm for share in repeats.budget}
+    rows = {share.source: share.mm for share in repeats.uncertainty.budget}
     assert rows["repeating"] == pytest.approx(0.05 * 3**0.5, rel=0.25)
-    assert "repeating" not in {share.source for share in scatters.budget}
-    total_mm = sum(share.mm**2 for share in repeats.budget) ** 0.5
-    assert repeats.position_std_mm.rms == pytest.approx(total_mm, rel=1e-3)
-    assert repeats.position_std_mm.rms > 1.5 * scatters.position_std_mm.rms
+    assert "repeating" not in {share.source for share in scatters.uncertainty.budget}
+    total_mm = sum(share.mm**2 for share in repeats.uncertainty.budget) ** 0.5
+    assert repeats.uncertainty.position_std_mm.rms == pytest.approx(total_mm, rel=1e-3)
+    assert repeats.uncertainty.position_std_mm.rms > 1.5 * scatters.uncertainty.position_std_mm.rms

@@ -68,4 +68,4 @@ def mean_std_of(outcomes: Sequence[Outcome], nominal: Kinematics = NOMINAL) -> f
         targets=[shot.pose for shot in planned],
     )
     found = identify(nominal, shots, IdentificationOptions(workspace=WORKSPACE))
-    return found.position_std_mm.mean
+    return found.uncertainty.position_std_mm.mean

@@ -242,7 +242,12 @@ def test_raw_samples_identify_a_robot_as_well_as_one_point_a_stop(name, jitter):
     campaign, shots, raw = one_error_a_stop(name, jitter)
     options = {"workspace": sample_workspace(campaign.robot, 30)}
     result, once = (identify(each, campaign.robot, options=options) for each in (raw, shots))
-    assert (len(raw), len(result.fitted.numbers)) == (720, len(once.fitted.numbers))
-    assert (result.verdict, result.excluded) == ("pass", ()), result.reasons
-    assert [finding for finding in result.findings if finding.affects_verdict] == []
+    assert (len(raw), len(result.residuals.fitted.numbers)) == (
+        720,
+        len(once.residuals.fitted.numbers),
+    )
+    assert (result.judgement.verdict, result.judgement.excluded) == ("pass", ()), (
+        result.judgement.reasons
+    )
+    assert [finding for finding in result.judgement.findings if finding.affects_verdict] == []
     assert campaign.position_error_mm(result) < 1.2 * campaign.position_error_mm(once)

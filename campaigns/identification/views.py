@@ -1,0 +1,61 @@
+"""Views of an identification: a text for the console, a table and a figure."""
+
+import math
+from dataclasses import asdict
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from campaigns.identification.result import IdentificationResult
+
+
+def report(result: "IdentificationResult") -> str:
+    """Return parameters, budget and findings as text for a console."""
+    # The budget's rows add up in squares: the last line is their root.
+    judgement, uncertainty, value = result.judgement, result.uncertainty, result.value
+    lines = [f"verdict: {judgement.verdict}", *(f"  {reason}" for reason in judgement.reasons), ""]
+    lines.append(f"{'parameter':28}{'nominal':>12}{'identified':>12}{'± σ':>10}")
+    for name in value.free:
+        parameter = value.parameters[name]
+        std = "held" if parameter.std is None else f"{parameter.std:.4f}"
+        lines.append(f"{name:28}{parameter.nominal:12.4f}{parameter.value:12.4f}{std:>10}")
+    if shares := uncertainty.budget:
+        lines += ["", "uncertainty of positions, 1 σ, rms over the workspace, mm"]
+        lines += [f"  {share.words:52} {share.kind} {share.mm:9.4f}" for share in shares]
+        total = math.sqrt(sum(share.mm**2 for share in shares))
+        lines.append(f"  {'combined':52}   {total:9.4f}")
+    if uncertainty.scatter is not None:
+        lines += ["", uncertainty.scatter.says]
+    lines += ["", *(f"finding: {finding.says}" for finding in judgement.findings)]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def to_frame(result: "IdentificationResult") -> Any:
+    """Return the parameters as a DataFrame; raise `ImportError` without pandas.
+
+    Any: pandas is not among our dependencies.
+    """
+    parameters = result.value.parameters.items()
+    rows = [{"parameter": name, **asdict(parameter)} for name, parameter in parameters]
+    return import_module("pandas").DataFrame(rows).set_index("parameter")
+
+
+def plot(result: "IdentificationResult") -> "Figure":
+    """Return a figure of the errors of each shot by the nominal and the identified robot."""
+    from matplotlib.figure import Figure  # slow to import: only commands that draw wait for it
+
+    tables = ("fitted", result.residuals.fitted, "o"), ("hold-out", result.residuals.unseen, "x")
+    figure = Figure(figsize=(8.0, 3.5), layout="constrained")
+    axes = figure.add_subplot(yscale="log", ylabel="error, mm")
+    for kind, table, marker in tables:
+        if table is not None:
+            for state, errors in (("before", table.before), ("after", table.after)):
+                sizes, label = np.linalg.norm(errors, axis=1), f"{kind} {table.of}, {state}"
+                axes.plot(table.numbers, sizes, marker, markersize=4, label=label)
+    axes.set_xlabel("number in the plan")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return figure
