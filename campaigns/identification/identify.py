@@ -25,7 +25,7 @@ from campaigns.evaluation.decision import allows_decision
 from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
 from campaigns.fit.effects import Layer, RateError, Ripple, Walk
-from campaigns.fit.error_model import ErrorModel, Observations
+from campaigns.fit.error_model import Observations
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.fit.events import (
     Event,
@@ -107,30 +107,33 @@ def identify(
     prior = Prior()
     if lengths is not None and "scale" in model.names:  # --fix scale holds it at nominal
         prior = Prior(lengths={"scale": lengths.scale})
+    # 1. Explain the identification shots: effects of all kinds, wrong shots.
+    # 2. Search for changes over all shots, and fit the identification shots with them.
+    rows = _rows_in_time(shots, observations, ShotSet.IDENTIFICATION)
     try:
-        campaign = _fit_campaign(model, shots, observations, prior)
+        fit = with_periods_of_robot(explain(model, observations.rows(rows), prior))
+        fit, events = _with_changes_of_all_shots(fit, rows, shots, observations)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise ShotsInvalid(
             f"the shots lead to no robot ({error})",
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances; measure all over the workspace",
         ) from error
-    fit, events = campaign
     judged = _JudgedCampaign(nominal, shots, at_nominal, options, observations, fit, events)
     return judged.make_result(lengths)
 
 
-# 1. Explain the identification shots: effects of all kinds, wrong shots.
-# 2. Search for changes over all shots in the order of time, hold-out shots too, as a diagnosis: a
-#    step shortly before the end has few shots of either set. Numbers are not taken from there.
-# 3. Fit the identification shots with the changes found, so that hold-out pairs stay unseen.
-def _fit_campaign(
-    model: ErrorModel, shots: Shots, observations: Observations, prior: Prior
+# Changes are searched for over all shots in the order of time, hold-out shots too, as a diagnosis:
+# a step shortly before the end has few shots of either set. Numbers are not taken from there: the
+# identification shots are fitted with the changes found, so that hold-out pairs stay unseen.
+def _with_changes_of_all_shots(
+    fit: Fit, rows: Index, shots: Shots, observations: Observations
 ) -> tuple[Fit, tuple[Event, ...]]:
-    """Return the fit of the identification shots, and the events of all shots by their numbers."""
-    rows = _rows_in_time(shots, observations, ShotSet.IDENTIFICATION)
+    """Return the fit of the identification shots, and the events of all shots by their numbers.
+
+    `rows` are those of the fit, `observations` are of all shots.
+    """
     every = _rows_in_time(shots, observations, ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
-    fit = with_periods_of_robot(explain(model, observations.rows(rows), prior))
     whole = fit
     if len(every) > len(rows):
         whole = add_steps(refit(fit, observations=observations.rows(every)))
