@@ -403,18 +403,20 @@ class Candidates:
 # spans cost little more than one.
 def scan(fit: Fit, spans_of: Mapping[str, Index]) -> dict[str, Candidates]:
     """Return the candidates of each part that has spans (M, 2)."""
-    weighted_jacobian = fit.weights @ fit.at.jacobian
-    weighted_residual = fit.weights @ fit.residual[..., None]
-    candidates = {}
+    white, candidates = fit.whitened, {}
+    # M⁻¹ in units of the noise: Σ c'W A C A'W c is the square of the columns that K explains
+    explained = white.explained.T.reshape(len(fit.good), 3, -1)
+    residual = white.residual.reshape(len(fit.good), 3, 1)
     for part, step in candidate_parts(fit.model).items():
         if part not in spans_of:
             continue
-        spans, columns = spans_of[part], fit.at.columns_of(step, fit.observations)
+        spans = spans_of[part]
+        columns = white.root @ fit.at.columns_of(step, fit.observations)
         transposed = columns.swapaxes(1, 2)
-        score = _sum_over_spans(transposed @ weighted_residual, spans)
-        shared = _sum_over_spans(transposed @ weighted_jacobian, spans)
-        alone = _sum_over_spans(transposed @ (fit.weights @ columns), spans)
-        information = alone - shared @ fit.inverse @ shared.swapaxes(1, 2)
+        score = _sum_over_spans(transposed @ residual, spans)
+        shared = _sum_over_spans(transposed @ explained, spans)
+        alone = _sum_over_spans(transposed @ columns, spans)
+        information = alone - shared @ shared.swapaxes(1, 2)
         candidates[part] = Candidates(spans, log_bayes_factors(score, information))
     return candidates
 

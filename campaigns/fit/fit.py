@@ -30,7 +30,6 @@ nominal, with its tolerance as its σ.
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -177,11 +176,16 @@ class Fit:
         return np.asarray(self.good[:, None, None] * self.inverse_noise)
 
     @cached_property
+    def weighted_jacobian(self) -> Array:
+        """Derivatives times the weights, w W A, (N, 3, Q)."""
+        return np.asarray(self.weights @ self.at.jacobian)
+
+    @cached_property
     def normal(self) -> tuple[Array, Array]:
         """Normal equations of all shots: A'WA (Q, Q) and A'Wr (Q,)."""
         jacobian = self.at.jacobian
         rows = jacobian.reshape(-1, jacobian.shape[2])
-        weighted = (self.weights @ jacobian).reshape(rows.shape)
+        weighted = self.weighted_jacobian.reshape(rows.shape)
         return weighted.T @ rows, weighted.T @ self.at.residual.ravel()
 
     @cached_property
@@ -285,8 +289,7 @@ class Fit:
     @cached_property
     def by_unknowns(self) -> Array:
         """Covariance A C A' of each predicted point, (N, 3, 3)."""
-        jacobian = self.at.jacobian
-        return np.asarray((jacobian @ self.inverse) @ jacobian.swapaxes(1, 2))
+        return blocks_of(self.at.jacobian, self.inverse)
 
     @cached_property
     def cavity(self) -> tuple[Array, Array]:
@@ -503,23 +506,85 @@ def _with_sizes(fit: Fit) -> Fit:
     """Return the fit after rounds of the sizes of groups with the same normal equations."""
     if not fit.groups:
         return fit
-    sizes, floors = dict(fit.sizes), smallest_sizes(fit.model)
-    (matrix, slope), deviation = fit.normal, fit.prior_terms[1]
+    reduced, floors = _reduced(fit, fit.groups), smallest_sizes(fit.model)
+    least = np.array(
+        [SMALLEST_SIZE if group in SOURCES else floors.get(group, 0.0) for group in fit.groups]
+    )
+    size2 = np.array([fit.sizes[group] ** 2 for group in fit.groups])
     for _ in range(ROUNDS_OF_SIZES):
-        precision = fit.precision_with(sizes)
-        inverse = np.linalg.inv(matrix + precision)
-        x = deviation - inverse @ (slope + precision @ deviation)
-        variances = np.diag(inverse)
-        for group, places in fit.groups.items():
-            size2 = sizes[group] ** 2
-            squares = float((x[places] ** 2).sum()) / size2
-            redundancy = max(len(places) - float(variances[places].sum()) / size2, 0.0)
-            ratio = np.clip(_ratio_with_prior(squares, redundancy, size2), 0.1, 10.0)
-            floor = SMALLEST_SIZE if group in SOURCES else floors.get(group, 0.0)
-            sizes[group] = max(float(np.sqrt(size2 * ratio)), floor)
-    solved = replace(fit, sizes=sizes)
-    solved.__dict__["normal"] = fit.normal  # the same weights have the same normal equations
+        inverse = np.linalg.inv(reduced.precision_with(size2))
+        x = inverse @ reduced.right
+        squares = reduced.sums(x**2) / size2
+        redundancy = np.maximum(reduced.counts - reduced.sums(np.diag(inverse)) / size2, 0.0)
+        ratio = np.clip(_ratio_with_prior(squares, redundancy, size2), 0.1, 10.0)
+        size2 = np.maximum(size2 * ratio, least**2)
+    sizes = dict(zip(fit.groups, np.sqrt(size2).tolist(), strict=True))
+    solved = replace(fit, sizes={**fit.sizes, **sizes})
+    for kept in ("normal", "weighted_jacobian", "prior_terms"):  # of the same weights
+        solved.__dict__[kept] = getattr(fit, kept)
     return solved
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reduced:
+    """Normal equations of the unknowns of some groups, all others eliminated (Schur).
+
+    With the priors of sizes ρ, (M + diag ρ⁻²) x = m. The others follow: x_o = offset - link x.
+    """
+
+    places: Index
+    """Places of the unknowns among all, one group after the other, (k,)."""
+    others: Index
+    """Places of those eliminated, (o,)."""
+    counts: Index
+    """Unknowns of each group, (G,)."""
+    information: Array
+    """M, (k, k)."""
+    right: Array
+    """m, (k,)."""
+    inverse: Array
+    """Covariance of the others at given x, (o, o)."""
+    link: Array
+    """(o, k)"""
+    offset: Array
+    """(o,)"""
+
+    def sums(self, rows: Array) -> Array:
+        """Return the sums of rows (k,) over each group, (G,)."""
+        return np.asarray(np.add.reduceat(rows, np.cumsum(self.counts) - self.counts))
+
+    def precision_with(self, size2: Array) -> Array:
+        """Return M + diag ρ⁻² (k, k) at squares ρ² of the groups' sizes, (G,)."""
+        return self.information + np.diag(np.repeat(1.0 / size2, self.counts))
+
+
+def _reduced(fit: Fit, groups: Mapping[str, Index]) -> Reduced:
+    """Return the normal equations of the unknowns of these groups, without their own priors."""
+    places = np.concatenate(list(groups.values()))
+    others = np.setdiff1d(np.arange(fit.at.jacobian.shape[2]), places)
+    (matrix, slope), deviation = fit.normal, fit.prior_terms[1]
+    right = matrix @ deviation - slope
+    whole = matrix + fit.precision
+    whole[places, places] -= fit.precision[places, places]
+    inverse = np.linalg.inv(whole[np.ix_(others, others)])
+    link, offset = inverse @ whole[np.ix_(others, places)], inverse @ right[others]
+    across = whole[np.ix_(places, others)]
+    return Reduced(
+        places,
+        others,
+        np.array([len(of_group) for of_group in groups.values()]),
+        whole[np.ix_(places, places)] - across @ link,
+        right[places] - across @ offset,
+        inverse,
+        link,
+        offset,
+    )
+
+
+def blocks_of(columns: Array, covariance: Array) -> Array:
+    """Return c C c' (N, 3, 3) of each shot's columns (N, 3, Q) and a covariance (Q, Q)."""
+    rows = columns.reshape(-1, columns.shape[2]) @ covariance
+    return np.asarray(rows.reshape(columns.shape) @ columns.swapaxes(1, 2))
 
 
 def smallest_sizes(model: ErrorModel) -> dict[str, float]:
@@ -531,9 +596,11 @@ def smallest_sizes(model: ErrorModel) -> dict[str, float]:
 # 1 / (1 + ρ²) of a size is ρ / (1 + ρ²) as a density of log ρ; -2 log of it is 2 log(1 + ρ²) - λ,
 # with the derivative 2 ρ² / (1 + ρ²) - 1. Both derivatives cancel at the posterior's maximum, where
 # this ratio is 1. For a part of the noise φ is its ρ², for its scale is a tolerance too.
-def _ratio_with_prior(squares: float, redundancy: float, size2: float) -> float:
+def _ratio_with_prior(
+    squares: Array | float, redundancy: Array | float, size2: Array | float
+) -> Array:
     """Return squares over redundancy, each with the share of the half-Cauchy prior on the size."""
-    return (squares + 1.0) / (redundancy + 2.0 * size2 / (1.0 + size2))
+    return np.asarray((squares + 1.0) / (redundancy + 2.0 * size2 / (1.0 + size2)))
 
 
 # With u = W v of the residuals v after the step, squares are φ Σ w u'V_k u. The covariance of v is
@@ -543,8 +610,7 @@ def _ratio_with_prior(squares: float, redundancy: float, size2: float) -> float:
 def _noise_ratios(fit: Fit, *, is_cauchy: bool) -> dict[str, float]:
     """Return by how much the variance of each estimated part of the noise must be multiplied."""
     u = (fit.inverse_noise @ fit.residual[..., None])[..., 0]
-    rows = fit.weights @ fit.at.jacobian
-    expected = fit.weights - (rows @ fit.inverse) @ rows.swapaxes(1, 2)
+    expected = fit.weights - blocks_of(fit.weighted_jacobian, fit.inverse)
     if is_cauchy:
         expected = expected / np.maximum(fit.good, 1e-9)[:, None, None]
     ratios = {}
@@ -554,7 +620,7 @@ def _noise_ratios(fit: Fit, *, is_cauchy: bool) -> dict[str, float]:
         factor = fit.factors[part]
         squares = factor * np.einsum("n,ni,nij,nj->", fit.good, u, covariance, u)
         redundancy = max(factor * float((covariance * expected).sum()), 0.0)
-        ratios[part] = _ratio_with_prior(float(squares), redundancy, factor)
+        ratios[part] = float(_ratio_with_prior(squares, redundancy, factor))
     return ratios
 
 
@@ -627,62 +693,43 @@ def integrate_sizes(fit: Fit) -> Fit:
     drawn = {g: p for g, p in fit.groups.items() if g == "stand" or g in SOURCES}
     if not drawn:
         return fit
-    places = np.concatenate(list(drawn.values()))
-    others = np.setdiff1d(np.arange(len(fit.inverse)), places)
-    (matrix, slope), deviation = fit.normal, fit.prior_terms[1]
-    right = matrix @ deviation - slope
-    whole = matrix + fit.precision
-    whole[places, places] -= fit.precision[places, places]
-    # x of the others follows from x of these: x_o = offset - link x
-    inverse = np.linalg.inv(whole[np.ix_(others, others)])
-    link, offset = inverse @ whole[np.ix_(others, places)], inverse @ right[others]
-    across = whole[np.ix_(places, others)]
-    mean, covariance = _draw_sizes(
-        fit, drawn, whole[np.ix_(places, places)] - across @ link, right[places] - across @ offset
-    )
-    total = np.zeros_like(whole)
+    reduced = _reduced(fit, drawn)
+    places, others, link = reduced.places, reduced.others, reduced.link
+    mean, covariance = _draw_sizes(reduced, np.array([fit.sizes[group] ** 2 for group in drawn]))
+    total = np.zeros_like(fit.inverse)
     total[np.ix_(places, places)] = covariance
     total[np.ix_(others, places)] = -link @ covariance
     total[np.ix_(places, others)] = -(link @ covariance).T
-    total[np.ix_(others, others)] = inverse + link @ covariance @ link.T
-    averaged = np.zeros(len(whole))
-    averaged[places], averaged[others] = mean, offset - link @ mean
-    step = averaged - deviation
+    total[np.ix_(others, others)] = reduced.inverse + link @ covariance @ link.T
+    averaged = np.zeros(len(total))
+    averaged[places], averaged[others] = mean, reduced.offset - link @ mean
+    step = averaged - fit.prior_terms[1]
     frames = moved_frames(fit.at.frames, step[fit.model.size :])
     moved = _predicted(fit, fit.at.x + step[: fit.model.size], frames)
     return replace(moved, spread=0.5 * (total + total.T) - moved.inverse)
 
 
-def _draw_sizes(
-    fit: Fit, groups: Mapping[str, Index], information: Array, right: Array
-) -> tuple[Array, Array]:
+def _draw_sizes(reduced: Reduced, likeliest: Array) -> tuple[Array, Array]:
     """Return mean (k,) and covariance (k, k) of the unknowns of groups over draws of their sizes.
 
-    `information` M (k, k) and `right` m (k,) are of these unknowns, one group after the other.
+    `likeliest` (G,) are the squares of the likeliest sizes, at which the draws begin.
     """
-    rng, count = np.random.default_rng(SEED_OF_SIZES), len(right)
-    ends = np.cumsum([0, *(len(places) for places in groups.values())])
-    spans = [slice(*pair) for pair in pairwise(ends)]
-    variances = np.array([fit.sizes[group] ** 2 for group in groups])
-    largest = LARGEST_SIZE**2 * np.maximum(variances, 1.0)
+    rng, count = np.random.default_rng(SEED_OF_SIZES), len(reduced.right)
+    variances, largest = likeliest, LARGEST_SIZE**2 * np.maximum(likeliest, 1.0)
+    # of each group in turn: 1/a of its half-Cauchy, then its size
+    shapes = np.stack([np.ones(len(variances)), 0.5 * (reduced.counts + 1)], axis=1)
     means, covariance = [], np.zeros((count, count))
     for draw in range(BURNT_DRAWS + DRAWS):
-        precision = information.copy()
-        for span, variance in zip(spans, variances, strict=True):
-            precision[span, span] += np.eye(span.stop - span.start) / variance
-        inverse = np.linalg.inv(precision)
-        mean = inverse @ right
+        inverse = np.linalg.inv(reduced.precision_with(variances))
+        mean = inverse @ reduced.right
         if draw >= BURNT_DRAWS:
             means.append(mean)
             covariance += inverse / DRAWS
         root = np.linalg.cholesky(0.5 * (inverse + inverse.T) + 1e-15 * np.eye(count))
         x = mean + root @ rng.standard_normal(count)
-        for number, span in enumerate(spans):
-            scale = (1.0 + 1.0 / variances[number]) / rng.standard_gamma(1.0)
-            squares = 1.0 / scale + 0.5 * float((x[span] ** 2).sum())
-            shape = 0.5 * (span.stop - span.start + 1)
-            drawn = squares / rng.standard_gamma(shape)
-            variances[number] = np.clip(drawn, SMALLEST_SIZE**2, largest[number])
+        of_scale, of_size = rng.standard_gamma(shapes).T
+        squares = of_scale / (1.0 + 1.0 / variances) + 0.5 * reduced.sums(x**2)
+        variances = np.clip(squares / of_size, SMALLEST_SIZE**2, largest)
     spread = np.cov(np.array(means).T, bias=True)
     return np.mean(means, axis=0), covariance + spread
 
