@@ -84,9 +84,9 @@ class Effect(ABC):
         """Groups of unknowns, in order, that have a size of their own: name and count."""
         return ((self.name, self.count),)
 
-    def retuned(self, z: Array) -> "Effect":  # noqa: ARG002  # effects that are not linear use it
-        """Return the effect linearised at unknowns z (k,), where it is not linear in one."""
-        return self
+    def retuned(self, z: Array) -> tuple["Effect", Array]:
+        """Return the effect linearised at unknowns z (k,), and the unknowns as it has them."""
+        return self, z
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,10 +245,11 @@ class Ripple(Effect):
             basis[:, arm, -1] = self.rate_std * q * (sine * c - cosine * s)
         return np.asarray(self.usual * basis)
 
-    def retuned(self, z: Array) -> Self:
-        """Return the ripple at the estimated rate and amplitudes."""
+    def retuned(self, z: Array) -> tuple[Self, Array]:
+        """Return the ripple at the estimated rate and amplitudes, its rate no longer off."""
         rate = self.rate + self.rate_std * float(z[-1])
-        return replace(self, rate=rate, amplitudes=tuple(z[:-1].tolist()))
+        tuned = replace(self, rate=rate, amplitudes=tuple(z[:-1].tolist()))
+        return tuned, np.append(z[:-1], 0.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,10 +42,12 @@ from campaigns.fit.fit import (
     Fit,
     Prior,
     estimate_sizes_and_noise,
+    falls_short,
     fit_model,
     log_evidence,
     log_factors_at_usual_size,
     refit,
+    settle,
 )
 from campaigns.fit.layers import LAYERS, likely_layers
 from campaigns.fit.periods import likely_ripples
@@ -169,13 +171,23 @@ def _grown(fit: Fit, hypotheses: Hypotheses, *, most: int = MOST_EFFECTS) -> Fit
     """Add at most so many effects as long as the evidence rises."""
     evidence, count = log_evidence(fit), len(fit.model.effects)
     while len(fit.model.effects) < min(MOST_EFFECTS, count + most):
-        trials = [_fit_with(fit, effects) for effects in hypotheses(fit)]
-        finite = [trial for trial in trials if trial is not None]
-        best = max(finite, key=lambda trial: trial[1], default=None)
+        best = _best_of(fit, hypotheses(fit), evidence)
         if best is None or best[1] <= evidence:
             break
         fit, evidence = best
     return fit
+
+
+def _best_of(
+    fit: Fit, hypotheses: Iterable[tuple[Effect, ...]], evidence: float
+) -> tuple[Fit, float] | None:
+    """Return the fit with the largest evidence, and that; None if none has as much as before."""
+    best = None
+    for effects in hypotheses:
+        trial = _fit_with(fit, effects, evidence)
+        if trial is not None and trial[1] >= evidence:
+            best, evidence = trial, trial[1]
+    return best
 
 
 def _pruned(fit: Fit) -> Fit:
@@ -189,8 +201,10 @@ def _pruned(fit: Fit) -> Fit:
     return fit
 
 
-def _fit_with(fit: Fit, effects: tuple[Effect, ...]) -> tuple[Fit, float] | None:
-    """Return the fit with these effects and its evidence; None if it is no number."""
+def _fit_with(
+    fit: Fit, effects: tuple[Effect, ...], least: float = -np.inf
+) -> tuple[Fit, float] | None:
+    """Return the fit with these effects and its evidence; None if it is no number, or below."""
     # Shots of a change that is new were wrong without it: they begin with their whole weight, or
     # the change would have no shots to be estimated from.
     present, good = {effect.name for effect in fit.model.effects}, fit.good
@@ -198,37 +212,42 @@ def _fit_with(fit: Fit, effects: tuple[Effect, ...]) -> tuple[Fit, float] | None
         if isinstance(effect, Step) and effect.name not in present:
             covered = effect.covers(fit.observations.moment) & fit.usable
             good = np.where(covered, 1.0, good)
-    result = refit(replace(fit, good=good), fit.model.with_effects(effects))
+    start, model = replace(fit, good=good), fit.model.with_effects(effects)
+    result = refit(start, model, least_evidence=least)
     for _ in range(2):  # the rate of a ripple enters by a column: linearise it again
+        if falls_short(result, least):
+            return None
         tuned = _retuned(result)
-        if tuned is result.model.effects:
+        if tuned is result:
             break
-        result = refit(result, result.model.with_effects(tuned))
+        result = settle(tuned, tuned.model)
     evidence = log_evidence(result)
     return (result, evidence) if np.isfinite(evidence) else None
 
 
-def _retuned(fit: Fit) -> tuple[Effect, ...]:
-    """Return the effects, those linear in all unknowns as they are."""
-    effects = fit.model.effects
-    places = fit.model.effect_places
-    tuned = tuple(
-        effect.retuned(fit.at.x[where]) for effect, where in zip(effects, places, strict=True)
-    )
-    same = all(new is old for new, old in zip(tuned, effects, strict=True))
-    return effects if same else tuned
+def _retuned(fit: Fit) -> Fit:
+    """Return the fit with its effects linearised at their unknowns; itself if all are linear."""
+    x, sizes, effects = fit.at.x.copy(), dict(fit.sizes), []
+    for effect, where in zip(fit.model.effects, fit.model.effect_places, strict=True):
+        tuned, x[where] = effect.retuned(x[where])
+        effects.append(tuned)
+        for (before, _), (now, _) in zip(effect.sizes_of, tuned.sizes_of, strict=True):
+            if before != now:
+                sizes[now] = sizes.pop(before)
+    if all(new is old for new, old in zip(effects, fit.model.effects, strict=True)):
+        return fit
+    model = fit.model.with_effects(tuple(effects))
+    return replace(fit, model=model, at=replace(fit.at, x=x), sizes=sizes)
 
 
 def _without_superfluous(fit: Fit, evidence: float) -> tuple[Fit, float] | None:
     """Return the fit without the effect that later ones made superfluous; None if all count."""
-    trials = [
-        trial
+    simpler = (
+        tuple(effect for effect in fit.model.effects if effect is not spare)
         for spare in fit.model.effects
         if not isinstance(spare, (Walk, Layer, RateError))
-        if (trial := _fit_with(fit, tuple(e for e in fit.model.effects if e is not spare)))
-    ]
-    best = max(trials, key=lambda trial: trial[1], default=None)
-    return best if best is not None and best[1] >= evidence else None
+    )
+    return _best_of(fit, simpler, evidence)
 
 
 def steps_of(fit: Fit) -> tuple[Step, ...]:

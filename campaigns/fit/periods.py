@@ -17,7 +17,7 @@ from campaigns.arrays import Array
 from campaigns.fit.effects import Effect, RateError, Ripple
 from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.error_sources import ARCSEC
-from campaigns.fit.fit import Fit, log_factors_at_usual_size, refit
+from campaigns.fit.fit import Fit, log_factors_at_usual_size, settle
 from campaigns.kinematics.mechanism import Kinematics
 
 
@@ -109,7 +109,7 @@ def with_periods_of_robot(fit: Fit) -> Fit:
             for arm in effect.arms:
                 rates[arm] = rate_in_file(effect.rate, is_revolute=fit.model.is_revolute)
         robot = Kinematics(mechanism.with_ripples(rates), fit.model.nominal.p)
-        fit = refit(fit, fit.model.with_robot(robot, effects))
+        fit = settle(fit, fit.model.with_robot(robot, effects))
     return fit
 
 

@@ -36,7 +36,7 @@ from campaigns.fit.events import (
     steps_of,
     with_steps_of,
 )
-from campaigns.fit.fit import Fit, Prior, integrate_sizes, refit, with_spread
+from campaigns.fit.fit import Fit, Prior, integrate_sizes, refit, settle, with_spread
 from campaigns.fit.left_out import pattern_of
 from campaigns.fit.periods import scan_periods, with_periods_of_robot
 from campaigns.fit.rigid_transforms import SHOTS_FOR_A_FRAME, fit_transform
@@ -413,7 +413,7 @@ class _JudgedCampaign:
         others = tuple(e for e in fit.model.effects if not isinstance(e, (Ripple, RateError)))
         without = self.likeliest
         if others != fit.model.effects:
-            without = refit(without, fit.model.with_robot(self.nominal, others))
+            without = settle(without, fit.model.with_robot(self.nominal, others))
         periods = scan_periods(without)
         places = np.nan_to_num(self.at_nominal.values[rows, :3])
         return Diagnosis(

@@ -203,11 +203,13 @@ def test_a_ripple_is_sine_and_cosine_and_its_last_column_the_change_by_its_rate(
 
 def test_a_retuned_ripple_has_the_estimated_rate_and_amplitudes_and_its_old_name():
     ripple = Ripple((1,), 40.0, 0.5, 1e-4, -3.0)
-    tuned = ripple.retuned(np.array([2.0, -1.0, 0.4]))
+    tuned, z = ripple.retuned(np.array([2.0, -1.0, 0.4]))
+    assert z.tolist() == [2.0, -1.0, 0.0]
     assert tuned.rate == pytest.approx(40.2)
     assert tuned.amplitudes == (2.0, -1.0)
     assert tuned.name == ripple.name
-    assert Lag(3).retuned(np.zeros(3)) == Lag(3)
+    assert Lag(3).retuned(np.ones(3))[0] == Lag(3)
+    assert Lag(3).retuned(np.ones(3))[1].tolist() == [1.0, 1.0, 1.0]
 
 
 def test_a_lag_is_a_thousandth_of_each_joints_way_from_the_shot_before():
