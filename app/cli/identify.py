@@ -36,8 +36,8 @@ def command(
     pkmcal identify cell-3 --only-shots 0-60 --fix eccentricity
     pkmcal identify cell-3 --hold-out 20%
     """
-    with terminal.telling("identifying"):
-        result = update_by_check(campaign) if update else identify(campaign, options)
+    with terminal.telling("identifying") as now_at:
+        result = update_by_check(campaign) if update else identify(campaign, options, now_at)
     terminal.detail(f"model {result.provenance.model}, {result.provenance.seconds:.2f} s")
     show_identification(terminal, result, campaign.robot.mechanism.parameters)
     following = tell_next(terminal, campaign)

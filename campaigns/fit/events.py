@@ -71,6 +71,8 @@ LEFT_OUT = 3
 STAND_HELD = 1e-4
 """Size of the stand's motion at which it has no influence."""
 Kind = Literal["wrong shot", "change", "no assembly"]
+Tell = Callable[[str], None]
+"""What receives words on the progress."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,23 +103,30 @@ class Event:
         return replace(self, first=numbers[self.first], last=numbers[self.last])
 
 
-def explain(model: ErrorModel, observations: Observations, prior: Prior | None = None) -> Fit:
-    """Fit, and add the effects that the evidence asks for."""
+def explain(
+    model: ErrorModel,
+    observations: Observations,
+    prior: Prior | None = None,
+    tell: Tell = lambda _: None,
+) -> Fit:
+    """Fit, and add the effects that the evidence asks for; `tell` receives what is being done."""
+    tell("fitting all sources of error")
     fit = fit_model(model, observations, prior)
     # A layer would take up a change, and costs many unknowns: layers come once nothing else is
     # left, and what else there is may show only beside them.
     for _ in LAYERS:
-        fit = _with_effects(fit, _hypotheses)
+        fit = _with_effects(fit, _hypotheses, tell)
+        tell("looking for errors by place and by angle")
         layered = _grown(fit, _layered, most=1)
         if layered is fit:
             return fit
-        fit = _pruned(layered)
-    return _with_effects(fit, _hypotheses)
+        fit = _pruned(layered, tell)
+    return _with_effects(fit, _hypotheses, tell)
 
 
-def add_steps(fit: Fit) -> Fit:
+def add_steps(fit: Fit, tell: Tell = lambda _: None) -> Fit:
     """Add the changes of parts that the evidence asks for; other effects stay as they are."""
-    return _with_effects(fit, _changed)
+    return _with_effects(fit, _changed, tell)
 
 
 # Parts that explain a change nearly as well give other robots of today. Each counts by its
@@ -162,15 +171,18 @@ Hypotheses = Callable[[Fit], Iterable[tuple[Effect, ...]]]
 """Proposals of sets of effects, from a fit."""
 
 
-def _with_effects(fit: Fit, hypotheses: Hypotheses) -> Fit:
+def _with_effects(fit: Fit, hypotheses: Hypotheses, tell: Tell = lambda _: None) -> Fit:
     """Add effects as long as the evidence rises, and take out those that add nothing."""
-    return _pruned(_grown(fit, hypotheses))
+    return _pruned(_grown(fit, hypotheses, tell), tell)
 
 
-def _grown(fit: Fit, hypotheses: Hypotheses, *, most: int = MOST_EFFECTS) -> Fit:
+def _grown(
+    fit: Fit, hypotheses: Hypotheses, tell: Tell = lambda _: None, *, most: int = MOST_EFFECTS
+) -> Fit:
     """Add at most so many effects as long as the evidence rises."""
     evidence, count = log_evidence(fit), len(fit.model.effects)
     while len(fit.model.effects) < min(MOST_EFFECTS, count + most):
+        tell(f"looking for changes and periods: step {len(fit.model.effects) - count + 1}")
         best = _best_of(fit, hypotheses(fit), evidence)
         if best is None or best[1] <= evidence:
             break
@@ -190,10 +202,11 @@ def _best_of(
     return best
 
 
-def _pruned(fit: Fit) -> Fit:
+def _pruned(fit: Fit, tell: Tell = lambda _: None) -> Fit:
     """Take out effects, one by one, without which the evidence does not fall."""
     evidence = log_evidence(fit)
     for _ in fit.model.effects:
+        tell("testing whether the shots need all that was found")
         simpler = _without_superfluous(fit, evidence)
         if simpler is None:
             break

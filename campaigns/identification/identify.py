@@ -29,6 +29,7 @@ from campaigns.fit.error_model import Observations
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.fit.events import (
     Event,
+    Tell,
     add_steps,
     events_of,
     explain,
@@ -84,9 +85,14 @@ PATTERN_SEED = 1
 
 
 def identify(
-    nominal: Kinematics, shots: Shots, options: IdentificationOptions | None = None
+    nominal: Kinematics,
+    shots: Shots,
+    options: IdentificationOptions | None = None,
+    tell: Tell = lambda _: None,
 ) -> IdentificationResult:
     """Identify a robot from its identification shots, and judge it by the validation pairs.
+
+    `tell` receives words on the progress.
 
     Raise `ShotsMissing` for too few shots, `ShotsInvalid` for shots that cannot be this robot's.
     """
@@ -111,14 +117,15 @@ def identify(
     # 2. Search for changes over all shots, and fit the identification shots with them.
     rows = _rows_in_time(shots, observations, ShotSet.IDENTIFICATION)
     try:
-        fit = with_periods_of_robot(explain(model, observations.rows(rows), prior))
-        fit, events = _with_changes_of_all_shots(fit, rows, shots, observations)
+        fit = with_periods_of_robot(explain(model, observations.rows(rows), prior, tell))
+        fit, events = _with_changes_of_all_shots(fit, rows, shots, observations, tell)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise ShotsInvalid(
             f"the shots lead to no robot ({error})",
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances; measure all over the workspace",
         ) from error
+    tell("stating the uncertainty")
     judged = _JudgedCampaign(nominal, shots, at_nominal, options, observations, fit, events)
     return judged.make_result(lengths)
 
@@ -127,7 +134,7 @@ def identify(
 # a step shortly before the end has few shots of either set. Numbers are not taken from there: the
 # identification shots are fitted with the changes found, so that hold-out pairs stay unseen.
 def _with_changes_of_all_shots(
-    fit: Fit, rows: Index, shots: Shots, observations: Observations
+    fit: Fit, rows: Index, shots: Shots, observations: Observations, tell: Tell
 ) -> tuple[Fit, tuple[Event, ...]]:
     """Return the fit of the identification shots, and the events of all shots by their numbers.
 
@@ -136,7 +143,8 @@ def _with_changes_of_all_shots(
     every = _rows_in_time(shots, observations, ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
     whole = fit
     if len(every) > len(rows):
-        whole = add_steps(refit(fit, observations=observations.rows(every)))
+        tell("fitting the hold-out shots too")
+        whole = add_steps(refit(fit, observations=observations.rows(every)), tell)
         fit = with_steps_of(whole, fit)
     numbers = np.array(shots.numbers)
     of_fitted = [event.of_shots(numbers[rows].tolist()) for event in events_of(fit)]

@@ -13,6 +13,7 @@
 #    these with the present state, and so notice a result that is out of date.
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 from campaigns.campaign import Campaign, now_utc
@@ -27,13 +28,16 @@ from campaigns.shots.shots import shots_of_journal, with_readings
 
 
 def identify(
-    campaign: Campaign, options: IdentificationOptions | None = None
+    campaign: Campaign,
+    options: IdentificationOptions | None = None,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> RecordedIdentification:
     """Identify from the latest run or import, and write the result into the journal.
 
     Args:
         campaign: The campaign, with accepted shots of a run, or an import.
         options: Options of `pkmcal identify`; by default the usual ones.
+        `tell`: Receives words on the progress.
 
     Returns:
         The result as the journal keeps it: parameters with 1 σ, residuals, findings, verdict.
@@ -65,7 +69,7 @@ def identify(
         shots = with_readings(shots, campaign.config.part_temperatures)
         shots = asked_shots(shots, robot.mechanism.joints, options)
         started_s = time.perf_counter()
-        result = identify_shots(robot.kinematics, shots, fit_options)
+        result = identify_shots(robot.kinematics, shots, fit_options, tell)
         recorded = RecordedIdentification.of(
             result,
             seconds=time.perf_counter() - started_s,

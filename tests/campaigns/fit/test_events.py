@@ -8,7 +8,7 @@ from small_fits import STATED_MM, log_bayes_factor, model_of, observed, with_col
 
 from campaigns.fit import events
 from campaigns.fit.effects import ENCODER_RAD, STEP_MM, Lag, Step, Walk
-from campaigns.fit.fit import Prior, fit_model, log_evidence
+from campaigns.fit.fit import Prior, fit_model, log_evidence, refit
 
 GROUPS = ("offsets", "lengths", "axes", "sag")
 MODEL = model_of("delta", *GROUPS)
@@ -106,6 +106,29 @@ def test_nothing_happened_to_a_robot_that_did_not_change():
         fit = events.explain(STAND, observed(MODEL, 30, seed=seed, noise_mm=0.02))
         assert fit.model.effects == (Walk(0),)
         assert events.events_of(fit) == ()
+
+
+def test_what_is_being_done_is_told():
+    said = []
+    change = encoder_moved(1, 22, 1e-3)
+    events.explain(STAND, observed(MODEL, 40, change=change), tell=said.append)
+    assert said[0] == "fitting all sources of error"
+    looking, testing = "looking for changes and periods: step", "testing whether the shots need all"
+    assert [f"{looking} 1", f"{looking} 2"] == [words for words in said if looking in words][:2]
+    assert any(testing in words for words in said)
+    assert said[-1] == "looking for errors by place and by angle"
+
+
+def test_a_trial_ends_early_only_if_it_cannot_have_the_evidence():
+    fit = events.explain(STAND, observed(MODEL, 40, change=encoder_moved(1, 22, 1e-3)))
+    whole = refit(fit, fit.model.with_effects((Walk(0),)))
+    evidence, least = log_evidence(whole), log_evidence(fit)
+    short = refit(fit, whole.model, least_evidence=least)
+    assert short.rounds < whole.rounds
+    assert log_evidence(short) < least
+    near = refit(fit, whole.model, least_evidence=evidence + 1.0)
+    assert near.rounds == whole.rounds
+    assert log_evidence(near) == evidence
 
 
 @pytest.mark.slow
