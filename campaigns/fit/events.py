@@ -62,6 +62,8 @@ MOST_EFFECTS = 12
 """Effects after which no more are looked for: by then nothing can be said of the robot."""
 INDISTINCT = 4.0
 """Difference of log evidence within which parts explain a change as well as the best one."""
+NEGLIGIBLE = 20.0
+"""Difference of log evidence from which a part adds nothing to the spread over parts."""
 MOVED_SHOTS = 3
 """Shots by which a change of the same part is the same change."""
 USUAL_CHANGES = (1.0, 5.0, 25.0, 125.0)
@@ -145,7 +147,7 @@ def spread_over_parts(fit: Fit) -> Array:
                 other, since=step.since, until=step.until, parts=step.parts, log_odds=step.log_odds
             )
             effects = tuple(changed if effect is step else effect for effect in fit.model.effects)
-            if (trial := _fit_with(fit, effects)) is None:
+            if (trial := _fit_with(fit, effects, best - NEGLIGIBLE)) is None:
                 continue
             weight = float(np.exp(min(trial[1] - best, 0.0)))
             away = trial[0].model.of_today @ trial[0].at.x - today

@@ -51,16 +51,20 @@ def scan_periods(fit: Fit) -> PeriodScan:
 def _factors_of_rates(fit: Fit, rates: Array) -> Array:
     """Return the log Bayes factors (R, 1 + n) of sine and cosine of each rate."""
     joints, white = fit.observations.joints, fit.whitened
-    count, arms = len(rates), joints.shape[1]
-    phases = rates[:, None] * joints[:, None]  # (N, R, n)
-    waves = np.stack([np.sin(phases), np.cos(phases)], axis=3)
-    by_joint = ripple_tolerance(fit.model) * fit.at.by_joint
-    # columns of all rates at once: (N, 3, R, n, 2)
-    columns = white.columns(by_joint[:, :, None, :, None] * waves[:, None])
-    score = (columns.T @ white.residual).reshape(count, 2 * arms, 1)
-    shared = (white.explained @ columns).reshape(-1, count, 2 * arms).transpose(1, 0, 2)
-    alone = columns.reshape(-1, count, 2 * arms).transpose(1, 0, 2)
-    information = alone.swapaxes(1, 2) @ alone - shared.swapaxes(1, 2) @ shared
+    count, arms, shots = len(rates), joints.shape[1], len(joints)
+    by_joint = white.root @ (ripple_tolerance(fit.model) * fit.at.by_joint)
+    explained = white.explained.T.reshape(shots, 3, -1)
+    columns = np.empty((count, arms, 2, shots, 3))
+    shared = np.empty((count, arms, 2, explained.shape[2]))
+    for arm in range(arms):
+        phases = rates[:, None] * joints[:, arm]
+        waves = np.stack([np.sin(phases), np.cos(phases)], axis=1)  # (R, 2, N)
+        columns[:, arm] = waves[..., None] * by_joint[:, :, arm]
+        by_unknowns = (by_joint[:, None, :, arm] @ explained)[:, 0]
+        shared[:, arm] = (waves.reshape(-1, shots) @ by_unknowns).reshape(count, 2, -1)
+    columns, shared = (rows.reshape(count, 2 * arms, -1) for rows in (columns, shared))
+    score = columns @ white.residual[:, None]
+    information = columns @ columns.swapaxes(1, 2) - shared @ shared.swapaxes(1, 2)
     log_factors = [log_factors_at_usual_size(score, information)]
     for arm in range(arms):
         rows = slice(2 * arm, 2 * arm + 2)
