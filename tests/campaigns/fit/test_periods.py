@@ -9,7 +9,7 @@ from small_fits import FRAME, log_bayes_factor, model_of, observed
 from campaigns.fit import events, periods
 from campaigns.fit.effects import RateError, Ripple, Walk
 from campaigns.fit.error_sources import ARCSEC
-from campaigns.fit.fit import fit_model
+from campaigns.fit.fit import fit_model, log_evidence, settle
 
 MODEL = model_of("delta", "offsets", "lengths", "axes", "sag")
 STAND = MODEL.with_effects((Walk(0),))
@@ -116,6 +116,23 @@ def test_a_robot_without_ripples_has_no_likely_one_and_a_likely_one_is_on_the_pe
     assert ripple.rate == pytest.approx(55.5, abs=0.35 * ripple.rate_std)
     assert ripple.usual == 20 * ARCSEC
     assert ripple.amplitudes == ()
+
+
+def test_a_retuned_fit_keeps_the_sizes_of_ripples_and_counts_the_step_of_their_rate_once():
+    ripple = Ripple((1,), 98.7, 2.0, 20 * ARCSEC, -3.0)  # near 49, and after the step near 50
+    first = fit_model(STAND.with_effects((Walk(0), ripple)), rippled((1,), 5e-4, 100.0))
+    with_rate = events._retuned(first)  # without amplitudes the rate has no column
+    fit = settle(with_rate, with_rate.model)
+    tuned = events._retuned(fit)
+    (found,) = (effect for effect in tuned.model.effects if isinstance(effect, Ripple))
+    assert found.rate == pytest.approx(98.7 + 2.0 * fit.at.x[-1])
+    assert found.name != ripple.name
+    assert tuned.sizes[found.name] == fit.sizes[ripple.name]
+    assert tuned.at.x[-1] == 0.0
+    assert tuned.at.x[:-1].tolist() == fit.at.x[:-1].tolist()
+    again = settle(tuned, tuned.model)
+    assert again.model.effects[-1].rate + 2.0 * again.at.x[-1] == pytest.approx(100.0, abs=0.3)
+    assert log_evidence(again) > log_evidence(first)
 
 
 def test_a_fit_without_periods_stays_as_it_is(noisy):
