@@ -54,15 +54,15 @@ def _factors_of_rates(fit: Fit, rates: Array) -> Array:
     count, arms, shots = len(rates), joints.shape[1], len(joints)
     by_joint = white.root @ (ripple_tolerance(fit.model) * fit.at.by_joint)
     explained = white.explained.T.reshape(shots, 3, -1)
-    columns = np.empty((count, arms, 2, shots, 3))
-    shared = np.empty((count, arms, 2, explained.shape[2]))
+    columns = np.empty((count, 2 * arms, 3 * shots))
+    shared = np.empty((count, 2 * arms, explained.shape[2]))
     for arm in range(arms):
         phases = rates[:, None] * joints[:, arm]
         waves = np.stack([np.sin(phases), np.cos(phases)], axis=1)  # (R, 2, N)
-        columns[:, arm] = waves[..., None] * by_joint[:, :, arm]
+        rows = slice(2 * arm, 2 * arm + 2)
+        columns[:, rows] = (waves[..., None] * by_joint[:, :, arm]).reshape(count, 2, -1)
         by_unknowns = (by_joint[:, None, :, arm] @ explained)[:, 0]
-        shared[:, arm] = (waves.reshape(-1, shots) @ by_unknowns).reshape(count, 2, -1)
-    columns, shared = (rows.reshape(count, 2 * arms, -1) for rows in (columns, shared))
+        shared[:, rows] = (waves.reshape(-1, shots) @ by_unknowns).reshape(count, 2, -1)
     score = columns @ white.residual[:, None]
     information = columns @ columns.swapaxes(1, 2) - shared @ shared.swapaxes(1, 2)
     log_factors = [log_factors_at_usual_size(score, information)]
