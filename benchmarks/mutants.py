@@ -48,6 +48,8 @@ MODULES = (
     "campaigns/identification/hold_out.py",
     "campaigns/identification/observations.py",
     "campaigns/identification/checking.py",
+    "campaigns/identification/positions.py",
+    "campaigns/identification/repeats.py",
     "campaigns/evaluation/decision.py",
 )
 """Modules that guard motion, data and figures."""

@@ -77,6 +77,22 @@ def test_requirement_needs_a_limit_and_a_measurement() -> None:
     assert Requirement("rotation", None, 0.5).expanded_uncertainty is None
 
 
+def test_the_margin_is_what_is_left_of_the_limit_and_negative_beyond_it() -> None:
+    assert Requirement("rotation", -0.4, 0.5, 0.05).margin == pytest.approx(0.1)
+    assert Requirement("rotation", 0.7, 0.5).margin == pytest.approx(-0.2)
+    assert Requirement("rotation", 0.7, None).margin is None
+    assert Requirement("rotation", None, 0.5).margin is None
+
+
+def test_a_requirement_says_its_figure_its_limit_and_what_was_decided() -> None:
+    figure = Requirement("rotation", 0.4, 0.5, 0.05)
+    assert figure.in_words() == "rotation 0.400 ± 0.100 mm, limit 0.5 mm: pass"
+    figure = Requirement("rotation", -0.4, 0.1, 0.05)
+    assert figure.in_words("°") == "rotation -0.400 ± 0.100 °, limit 0.1 °: fail"
+    assert Requirement("rotation", None, 0.5).in_words() == "rotation not measured, limit 0.5 mm"
+    assert Requirement("rotation", None, None).in_words() == "rotation not measured"
+
+
 def test_coverage_grows_with_few_repeats_and_with_the_number_of_errors() -> None:
     assert coverage_factor() == 2.0
     assert coverage_factor(1e9) == pytest.approx(2.0)

@@ -61,6 +61,15 @@ def test_shots_are_added_until_their_count_or_the_uncertainty_is_reached():
     assert by_limit.covariance == pytest.approx(covariance_of(by_limit, order[:4]), rel=1e-12)
 
 
+def test_no_shot_is_added_once_the_uncertainty_is_exactly_what_was_asked_for():
+    shots, _ = design()
+    for _ in range(3):
+        shots.add_best()
+    same, _ = design()
+    same.add_until(6, shots.position_std_mm)
+    assert same.chosen == shots.chosen
+
+
 def exchanged(shots, judged, chosen, rounds=3):
     """Exchange of one shot after the other, each by trying all candidates."""
     chosen = list(chosen)

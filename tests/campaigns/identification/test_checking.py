@@ -12,6 +12,7 @@ from campaigns.errors import IdentificationRefused
 from campaigns.fit.fit import Prior
 from campaigns.fit.rigid_transforms import from_paper_angles
 from campaigns.identification.checking import (
+    CheckResult,
     Misfit,
     check,
     fit_with_former,
@@ -73,6 +74,25 @@ def test_too_few_shots_decide_nothing(former):
     judged = check(nominal, few(former, count=4), found.uncertainty.posterior, how)
     assert judged.decision == "not decided"
     assert "4 shots are too few" in judged.says
+
+
+@pytest.mark.parametrize(
+    ("wrong", "parts", "p", "alone"),
+    [
+        ((3,), (), 0.2, True),
+        ((3,), ("arm 1",), 0.2, False),
+        ((3,), (), 1e-4, False),
+        ((), (), 0.2, False),
+        ((), ("arm 1",), 0.2, False),
+        ((), (), 1e-4, False),
+    ],
+)
+def test_wrong_shots_alone_are_those_beside_no_change_and_no_misfit(wrong, parts, p, alone):
+    judged = CheckResult(
+        decision="fail", says="", shots=8, chi2=20.0, dof=18, p=p, parts=parts, wrong=wrong,
+        log_factors={},
+    )  # fmt: skip
+    assert judged.is_of_shots_alone == alone
 
 
 def test_held_parameters_and_a_former_result_with_held_ones_can_be_checked(former):
