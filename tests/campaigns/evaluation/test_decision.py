@@ -97,6 +97,7 @@ def test_coverage_grows_with_few_repeats_and_with_the_number_of_errors() -> None
     assert coverage_factor() == 2.0
     assert coverage_factor(1e9) == pytest.approx(2.0)
     assert coverage_factor(4) == pytest.approx(2.87, abs=0.01)  # GUM, table G.2, for 95.45 %
+    assert coverage_factor(1) == pytest.approx(13.97, abs=0.01)  # the fewest that there may be
     assert coverage_factor(10) == pytest.approx(2.28, abs=0.01)
     assert coverage_factor(count=20) == pytest.approx(3.05, abs=0.01)
     assert decide(0.4, 0.05, 0.5) == "pass"
@@ -124,13 +125,16 @@ def test_a_scatter_estimated_from_few_shots_raises_no_more_alarms_than_stated() 
     assert by_f == pytest.approx(level, abs=0.005)
     assert by_chi2 > 5 * level
     assert effective_dof(2.0, 1.0, 20) == 80.0  # half of the variance is known
+    assert effective_dof(3.0, 1.0, 20) == 180.0
+    assert effective_dof(1.0 - 1e-9, 1.0, 20) == 20.0
     assert math.isinf(effective_dof(1.0, 0.0, 20))
 
 
 def test_positions_known_worse_than_the_limit_or_the_error_before_decide_nothing() -> None:
     limits = {"mean": 0.3, "max": 0.8}
     assert allows_decision(0.149, limits, None) is None
-    assert "limit of the mean error, 0.3 mm" in (allows_decision(0.151, limits, None) or "")
+    too_large = "U of distances is 0.302 mm (k = 2), more than the limit of the mean error, 0.3 mm"
+    assert allows_decision(0.151, limits, None) == too_large
     assert "error before, 1.5 mm" in (allows_decision(4.9, {}, 1.5) or "")
     assert allows_decision(0.74, {}, 1.5) is None
     assert allows_decision(4.9, {"mean": 20.0}, 1.5) is None  # limits decide where there are any

@@ -77,6 +77,26 @@ def test_a_pattern_is_one_that_fewer_than_one_percent_of_random_sets_have(as_clo
     assert pattern_of(kept, places, Draws([30, 31, 32], as_close)) == expected
 
 
+IN_ROW, LOOSE, CLOSER = [0, 12, 30, 31, 44, 57], [0, 2, 4, 7, 9, 11], [0, 2, 4, 6, 8, 10]
+
+
+@pytest.mark.parametrize(
+    ("rows", "drawn", "expected"),
+    [
+        (IN_ROW, LOOSE, "series"),
+        (LOOSE, IN_ROW, None),
+        (CLOSER, IN_ROW, "series"),
+        (IN_ROW, CLOSER, None),
+    ],
+)
+def test_two_in_a_row_are_closer_than_six_of_twelve_shots_and_not_than_six_of_eleven(
+    rows, drawn, expected
+):
+    kept = np.ones(COUNT, dtype=bool)
+    kept[rows] = False
+    assert pattern_of(kept, np.zeros((COUNT, 3)), Draws(drawn, 999)) == expected
+
+
 def test_one_shot_or_none_has_no_pattern():
     assert pattern([7]) is None
     assert pattern([]) is None

@@ -42,6 +42,11 @@ def fit():
     return replace(fit, good=good)
 
 
+def with_plate_that_turns():
+    model = model_of("par4-prototype", "offsets", "lengths")
+    return fit_model(model, observed(model))
+
+
 def identified(fit):
     return fit.model.kinematics(fit.x)
 
@@ -122,8 +127,7 @@ def test_sigma_is_that_of_differences_of_positions_in_the_frame_that_fits_them_b
 
 
 def test_a_robot_that_turns_its_plate_is_judged_by_positions_alone():
-    model = model_of("par4-prototype", "offsets", "lengths")
-    judge_sample(fit_model(model, observed(model)), sample_of(12, name="par4-prototype"))
+    judge_sample(with_plate_that_turns(), sample_of(12, name="par4-prototype"))
 
 
 def test_scatter_that_repeats_is_an_error_of_the_point_and_by_the_joints(fit):
@@ -202,6 +206,7 @@ def test_a_ripple_is_an_error_of_parameters_alone_too(fit):
     found = uncertainty_of_positions(rippled, identified(rippled), workspace, 1.0)
     gap = found.std.rms**2 - found.std.corrected**2
     assert gap == pytest.approx(beyond.mean(), rel=0.02)
+    assert rows_of(found)["layer"] == pytest.approx(gap)
 
 
 def test_the_region_ends_where_sigma_is_three_times_the_largest_at_shots_that_counted(fit):
@@ -220,6 +225,25 @@ def test_the_region_ends_where_sigma_is_three_times_the_largest_at_shots_that_co
         assert found.region.beyond == pytest.approx(expected)
         beyond.append(expected)
     assert 0.0 < beyond[1] < beyond[0] < 1.0
+
+
+def test_places_between_the_shots_of_a_layer_are_beyond_the_region(fit):
+    workspace, shots = sample_of(40), fit.observations.rows(fit.kept)
+    layer = Layer.over("place", (fit.observations.near[:, :3],), 40.0, 0.5)
+    layered = with_moved(fit, layer, np.zeros(layer.count))
+    layered = replace(layered, sizes={**layered.sizes, **dict.fromkeys(layered.groups, 1.0)})
+    joints = np.vstack([identified(layered).inverse(workspace).values_or_raise(), shots.joints])
+    near = np.vstack([workspace, shots.near])
+    places, here = near[:, :3], Observations.unmeasured(joints, near)
+    by = np.concatenate([by_unknowns(layered, joints, near), layer.basis(here)], axis=2)
+    size = layered.model.size
+    followed = variances(placed(by, places), layered.covariance[:size, :size])
+    sizes = [layer.usual * layered.sizes[group] for group, _ in layer.sizes_of]
+    std = np.sqrt(followed + (np.square(sizes) * layer.unseen_share(here)).sum(axis=1))
+    expected = np.mean(std[:40] > 3.0 * std[40:].max())
+    found = uncertainty_of_positions(layered, identified(layered), workspace, 1.0)
+    assert found.region.beyond == pytest.approx(expected)
+    assert expected > np.mean(np.sqrt(followed[:40]) > 3.0 * np.sqrt(followed[40:]).max())
 
 
 def test_nine_of_ten_poses_must_be_within_reach_and_lost_ones_are_counted(fit):
@@ -243,7 +267,9 @@ def test_what_sizes_may_be_counts_in_sigma_and_budget(fit):
     assert total(found) == pytest.approx(found.std.rms**2)
 
 
-def test_stored_covariances_give_the_same_sigma_about_the_poses_that_were_measured(fit):
+@pytest.mark.parametrize("turns", [False, True])
+def test_stored_covariances_give_the_same_sigma_about_the_poses_that_were_measured(fit, turns):
+    fit, name = (with_plate_that_turns(), "par4-prototype") if turns else (fit, "delta")
     table = fit.model.nominal.mechanism.parameters
     names = tuple(fit.model.names[: len(fit.model.parameters)])
     names = tuple(name for name in names if name in table.select())
@@ -251,7 +277,7 @@ def test_stored_covariances_give_the_same_sigma_about_the_poses_that_were_measur
     units = fit.model.tolerance[rows] / table.file_unit[table.places(names)]
     stored = fit.model_covariance[np.ix_(rows, rows)] * np.outer(units, units)
     covariance = ParameterCovariance(names, tuple(map(tuple, stored.tolist())), 2.5)
-    workspace, about = sample_of(8), sample_of(25, seed=6)
+    workspace, about = sample_of(8, name=name), sample_of(25, 6, name)
     both = np.vstack([workspace, about])
     joints = identified(fit).inverse(both).values_or_raise()
     by = placed(by_unknowns(fit, joints, both), both[:, :3])[..., rows]
