@@ -4,9 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 from rod_campaigns import SMALL, rod_campaign
 
 from campaigns.api import identify, sample_workspace
+from campaigns.fit.fit import fit_model, noise_parts
+from campaigns.identification.observations import error_model, observations_of
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.repeats import repeating_share
 from campaigns.shots.shot_sets import ShotSet
 
 VISITS = 10
@@ -49,3 +54,145 @@ def test_scatter_that_visits_do_not_show_is_an_error_of_every_position(campaign)
     total_mm = sum(share.mm**2 for share in repeats.uncertainty.budget) ** 0.5
     assert repeats.uncertainty.position_std_mm.rms == pytest.approx(total_mm, rel=1e-3)
     assert repeats.uncertainty.position_std_mm.rms > 1.5 * scatters.uncertainty.position_std_mm.rms
+
+
+# Algebra
+
+
+class Visited:
+    """A fit of a small campaign, and visits of some of its poses with given residuals."""
+
+    def __init__(self, seed=1):
+        campaign = rod_campaign("delta", shots=30, pairs=1, seed=seed)
+        self.shots, nominal = campaign.shots, campaign.robot.kinematics
+        self.near = nominal.forward(self.shots.joints, approach=self.shots.approach).values
+        rows = self.shots.rows_of(ShotSet.IDENTIFICATION)
+        model = error_model(nominal, self.shots, IdentificationOptions())
+        fit = fit_model(model, self.observe(self.shots, self.near).rows(rows))
+        self.fit = replace(fit, factors={"stated": 1.5, "points": 0.01, "joints": 0.02})
+
+    @staticmethod
+    def observe(shots, near):
+        return observations_of(shots, near, IdentificationOptions())
+
+    def visit(self, *poses, kind=ShotSet.DRIFT, shift=0.0):
+        """All shots and visits of poses (row, residuals (k, 3)); joints are read with a shift."""
+        rows = np.concatenate([np.full(len(residuals), row) for row, residuals in poses])
+        every, count = np.r_[np.arange(len(self.shots)), rows], len(rows)
+        shots = self.shots.rows(every)
+        shots = replace(
+            shots,
+            numbers=tuple(range(len(every))),
+            purposes=(*self.shots.purposes, *(kind,) * count),
+            pairs=(*self.shots.pairs, *(None,) * count),
+        )
+        observations = self.observe(shots, self.near[every])
+        joints = observations.joints.copy()
+        joints[-count:] += shift * np.linspace(-1.0, 1.0, count)[:, None]
+        observations = replace(observations, joints=joints)
+        points = observations.points.copy()
+        predicted = self.predict(observations).residual + points
+        points[-count:] = predicted[-count:] - np.concatenate([of_pose for _, of_pose in poses])
+        return shots, replace(observations, points=points)
+
+    def predict(self, observations):
+        fit = self.fit
+        return fit.model.predict(fit.at.x, fit.at.frames, observations, observations.near)
+
+    def covariances(self, row):
+        """Covariances of a shot at a pose: the tracker's, and the robot's as the fit has it."""
+        observations = self.observe(self.shots, self.near)
+        parts = noise_parts(self.fit.model, observations, self.predict(observations).by_joint)
+        stated, point, joint = (
+            self.fit.factors[part] * parts[part][row] for part in ("stated", "points", "joints")
+        )
+        return stated, point + joint
+
+    def drawn(self, row, count, share, seed=1):
+        """Residuals (k, 3) of visits whose scatter is a share of the fit's."""
+        stated, scatter = self.covariances(row)
+        root = np.linalg.cholesky(stated + share * scatter)
+        return 0.3 + np.random.default_rng([seed, row]).standard_normal((count, 3)) @ root.T
+
+    def share(self, *poses, **settings):
+        return repeating_share(self.fit, *self.visit(*poses, **settings))
+
+    def likeliest(self, *poses):
+        """Share of the largest density of what the means of poses leave of their visits."""
+        grid = np.linspace(0.0, 1.0, 51)
+        values = np.zeros(len(grid))
+        for row, residuals in poses:
+            stated, scatter = self.covariances(row)
+            contrasts = scipy.linalg.null_space(np.ones((1, len(residuals)))).T @ residuals
+            for number, share in enumerate(grid):
+                normal = scipy.stats.multivariate_normal(np.zeros(3), stated + share * scatter)
+                values[number] += normal.logpdf(contrasts).sum()
+        return grid[values.argmax()]
+
+
+@pytest.fixture(scope="module")
+def visited():
+    return Visited()
+
+
+@pytest.mark.parametrize("true_share", [0.0, 0.1, 0.25])
+def test_the_share_is_that_of_the_largest_density_of_what_the_means_leave(visited, true_share):
+    poses = [(row, visited.drawn(row, 12, true_share)) for row in (3, 17)]
+    best = visited.likeliest(*poses)
+    assert visited.share(*poses) == pytest.approx(1.0 - best)
+    assert abs(best - true_share) < 0.15
+    of_repeatability = visited.share(*poses, kind=ShotSet.REPEATABILITY)
+    assert of_repeatability == pytest.approx(1.0 - best)
+    moved = visited.share(*poses, shift=1e-3)
+    assert moved == pytest.approx(1.0 - best, abs=0.021)
+
+
+@pytest.mark.parametrize(("factor", "is_shown"), [(0.98, True), (1.02, False)])
+def test_visits_contradict_the_scatter_of_a_fit_below_the_limit_of_fishers_f(
+    visited, factor, is_shown
+):
+    residuals = visited.drawn(5, 8, 0.5)
+    deviations = residuals - residuals.mean(axis=0)
+    weights = np.linalg.inv(sum(visited.covariances(5)))
+    chi2 = np.einsum("ni,ij,nj->", deviations, weights, deviations)
+    limit = 21.0 * scipy.stats.f(21, visited.fit.freedom).ppf(0.05)
+    at_limit = deviations * np.sqrt(factor * limit / chi2)
+    assert (visited.share((5, at_limit)) > 0.0) == is_shown
+
+
+def test_poses_of_one_visit_other_sessions_and_shots_without_a_place_do_not_count(visited):
+    first, second = ((row, visited.drawn(row, 8, 0.1)) for row in (3, 17))
+    far = visited.drawn(9, 8, 400.0)
+    alone = visited.share(first, second)
+    assert 0.5 < alone < 1.0
+    assert visited.share(first, second, (9, far[:1])) == pytest.approx(alone)
+    assert visited.share((9, far[:1]), (11, far[1:2])) == 0.0
+    assert visited.share((9, far)) == 0.0
+    assert (
+        repeating_share(visited.fit, visited.shots, visited.observe(visited.shots, visited.near))
+        == 0.0
+    )
+    shots, observations = visited.visit(first, second, (9, far))
+    assert repeating_share(visited.fit, shots, observations) == 0.0
+    frame, near = observations.frame.copy(), observations.near.copy()
+    frame[-8:] = -1
+    assert repeating_share(visited.fit, shots, replace(observations, frame=frame)) == pytest.approx(
+        alone
+    )
+    near[-8:, 1] = np.nan
+    assert repeating_share(visited.fit, shots, replace(observations, near=near)) == pytest.approx(
+        alone
+    )
+
+
+def test_visits_of_one_pose_in_two_sessions_have_a_mean_each(visited):
+    residuals = visited.drawn(3, 16, 0.1)
+    apart = residuals + np.repeat([[0.0], [5.0]], 8, axis=0)
+    fit = replace(visited.fit, at=replace(visited.fit.at, frames=visited.fit.at.frames * 2))
+    shots, observations = visited.visit((3, apart))
+    assert repeating_share(fit, shots, observations) == 0.0
+    frame = observations.frame.copy()
+    frame[-8:] = 1
+    of_two = repeating_share(fit, shots, replace(observations, frame=frame))
+    best = visited.likeliest((3, residuals[:8]), (3, residuals[8:]))
+    assert of_two == pytest.approx(1.0 - best)
