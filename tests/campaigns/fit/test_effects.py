@@ -280,3 +280,13 @@ def test_layers_of_other_kinds_lengths_and_coordinates_have_other_names():
     first, second, third = layers(observations)
     other = Layer.over("place", first.shots, 90.0, 0.5)
     assert len({layer.name for layer in (first, second, third, other)}) == 4
+
+
+def test_a_change_keeps_its_parameters_where_a_robot_has_other_unknowns():
+    before, names = ("a", "b", "c", "d"), ("c", "x", "a", "d", "b")
+    step = Step("arm 0", 3.0, np.inf, (2.0, 5.0), (1, 3), 4)
+    moved = step.with_names(before, names)
+    assert [names[place] for place in moved.places] == ["b", "d"]
+    assert moved.by_unknowns.tolist() == [[0, 0], [0, 0], [0, 0], [0, 5], [2, 0]]
+    frame = Step("frame", 3.0, np.inf, (1.0,) * 6, tuple(range(6)), 6)
+    assert frame.with_names(before, names) is frame

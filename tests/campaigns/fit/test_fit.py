@@ -19,6 +19,7 @@ from small_fits import (
 
 from campaigns.fit import wrong_shots
 from campaigns.fit.effects import Lag, Step, Walk
+from campaigns.fit.error_model import BY_NAME
 from campaigns.fit.error_sources import ARCMIN
 from campaigns.fit.events import candidate_parts
 from campaigns.fit.fit import (
@@ -213,6 +214,23 @@ def test_the_size_of_a_change_does_not_fall_below_its_floor():
     assert result.sizes[still.name] == 1.0
     # a size that no shot determines is at the maximum of its half-Cauchy prior
     assert result.sizes["lag"] == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_tolerance_by_name_has_a_size_of_its_own_that_shots_may_make_small_or_large():
+    """A parameter at nominal makes its tolerance small, one far beyond makes it large."""
+    name = model_of("delta", *GROUPS).names[0]
+    sizes = []
+    for residual in (0.0, -40.0):
+        fit = drawn_fit(at_zero=True, shots=40)
+        at = replace(fit.at, residual=residual * fit.at.jacobian[..., 0])
+        model = replace(fit.model, tolerances={name: fit.model.tolerance[0]})
+        own = f"{BY_NAME}{name}"
+        result = settled(replace(fit, model=model, at=at, sizes={**fit.sizes, own: 1.0}), 10)
+        assert set(result.groups) == {*fit.groups, own}
+        sizes.append(result.sizes[own])
+    assert sizes[0] < SMALLEST_SIZE  # the floor is of the table's groups
+    # the derivatives of the likelihood and of the half-Cauchy prior cancel: x²/ρ² + 1 = 1 + 2
+    assert sizes[1] == pytest.approx(40.0 / np.sqrt(2.0), rel=0.02)
 
 
 def test_of_weights_that_are_properties_of_errors_squares_of_weight_one_are_expected():

@@ -135,7 +135,7 @@ def visited():
     return Visited()
 
 
-@pytest.mark.parametrize("true_share", [0.0, 0.1, 0.25])
+@pytest.mark.parametrize("true_share", [0.0, 0.07, 0.17, 0.25])
 def test_the_share_is_that_of_the_largest_density_of_what_the_means_leave(visited, true_share):
     poses = [(row, visited.drawn(row, 12, true_share)) for row in (3, 17)]
     best = visited.likeliest(*poses)
