@@ -95,6 +95,11 @@ def test_a_tilted_plate_of_some_shots_does_not_disturb_those_that_are_level():
     tilted = model.predict(np.r_[3.0, x[1:-1]], (FRAME,), observations, observations.near)
     behind = np.arange(8)[:, None] >= 4
     assert at.residual == pytest.approx(np.where(behind, tilted.residual, level.residual), abs=1e-7)
+    unknowns, of_level = at.assembly.unknowns, level.assembly.unknowns
+    width = of_level.shape[1]
+    assert unknowns[4:] == pytest.approx(tilted.assembly.unknowns[4:], abs=1e-6)
+    assert unknowns[:4, :width] == pytest.approx(of_level[:4], abs=1e-6)
+    assert not unknowns[:4, width:].any()
     again = changed.predict(x, (FRAME,), observations, at.assembly.unknowns)
     assert again.residual == pytest.approx(at.residual, abs=1e-7)
 
@@ -229,20 +234,21 @@ def test_warm_parts_grow_by_the_degrees_of_each_shot():
 
 def test_each_session_has_a_frame_and_columns_of_its_own():
     model = model_of("delta", "offsets")
-    observations = observed(model, 10, sessions=2)
-    frames = (
-        FRAME,
-        Transform(FRAME.rotation, FRAME.translation_mm + np.array([100.0, -50.0, 20.0])),
+    observations = observed(model, 15, sessions=3)
+    shift_mm = np.array([100.0, -50.0, 20.0])
+    frames = tuple(
+        Transform(FRAME.rotation, FRAME.translation_mm + number * shift_mm) for number in range(3)
     )
     at = model.predict(np.zeros(model.size), frames, observations, observations.near)
     assert np.abs(at.residual).max() < 0.1
-    of_frames = at.jacobian[..., model.size :]
-    assert not of_frames[:5, :, 6:].any()
-    assert not of_frames[5:, :, :6].any()
-    assert of_frames[5:, :, 6:] == pytest.approx(at.by_moves["frame"][5:])
+    expected = np.zeros((15, 3, 18))
+    for number in range(3):
+        rows, columns = slice(5 * number, 5 * number + 5), slice(6 * number, 6 * number + 6)
+        expected[rows, :, columns] = at.by_moves["frame"][rows]
+    assert at.jacobian[..., model.size :] == pytest.approx(expected)
     turns, shifts = frames_of_shots(frames, observations.frame)
-    assert np.array_equal(turns, np.broadcast_to(FRAME.rotation, (10, 3, 3)))
-    assert np.array_equal(shifts[[0, 9]], [f.translation_mm for f in frames])
+    assert np.array_equal(turns, np.broadcast_to(FRAME.rotation, (15, 3, 3)))
+    assert np.array_equal(shifts[[0, 7, 14]], [f.translation_mm for f in frames])
 
 
 def test_a_moved_frame_moves_points_as_its_columns_do():
