@@ -281,6 +281,29 @@ def test_joints_read_too_early_are_a_lag():
     assert fit.at.x[-3:] == pytest.approx(np.full(3, -4.0), abs=0.3)
 
 
+@pytest.mark.parametrize("rad", [5e-5, 8e-5])
+def test_sigma_has_how_far_the_robots_of_other_parts_are_by_their_evidence(rad):
+    """A small change, which other parts explain as well or nearly as well."""
+    named = ("encoder 1", "arm 1", "forearm 2", "mount 7")
+    step = replace(step_of("encoder 1", 14.0, log_odds=-3.0), parts=named)
+    observations = observed(MODEL, 30, change=encoder_moved(1, 14, rad))
+    fit = fit_model(MODEL.with_effects((Walk(0), step)), observations)
+    expected, total = np.zeros((len(MODEL.names), len(MODEL.names))), 1.0
+    for part in ("arm 1", "forearm 2"):
+        other = replace(step_of(part, 14.0, log_odds=-3.0), parts=named)
+        of_other = fit_model(MODEL.with_effects((Walk(0), other)), observations)
+        weight = np.exp(min(log_evidence(of_other) - log_evidence(fit), 0.0))
+        away = of_other.model.of_today @ of_other.at.x - fit.model.of_today @ fit.at.x
+        expected, total = expected + weight * np.outer(away, away), total + weight
+    spread = events.spread_over_parts(fit)
+    assert total > 1.5
+    assert np.sqrt(np.diag(spread)) == pytest.approx(np.sqrt(np.diag(expected / total)), abs=0.01)
+    largest = np.abs(expected / total).max()
+    assert spread == pytest.approx(expected / total, abs=0.05 * largest)
+    alone = replace(fit, model=MODEL.with_effects((Walk(0), replace(step, parts=named[:1]))))
+    assert not events.spread_over_parts(alone).any()
+
+
 # Since a former result
 
 
