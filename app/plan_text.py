@@ -8,6 +8,7 @@ from app.progress import interval
 from campaigns.campaign import Campaign
 from campaigns.design.restricted_space import Refusals, RestrictedSpace
 from campaigns.fit.error_sources import SOURCES
+from campaigns.identification.repeats import PlannedVisits
 from campaigns.kinematics.parameters import SIGNS, ParameterTable
 from campaigns.planning.forecast import Forecast
 from campaigns.planning.plan_check import CheckedPlan
@@ -30,6 +31,7 @@ def show_forecast(
     forecast, table = planned.forecast, campaign.robot.mechanism.parameters
     for line in forecast_lines(forecast, table, until_mm):
         terminal.say(line)
+    terminal.say(visits_line(planned.visits))
     for line in warnings(forecast):
         terminal.say(line, WARNING)
     if terminal.is_verbose:
@@ -69,6 +71,17 @@ def forecast_lines(
     ]
     if weakest:
         yield f"weakest: {', '.join(weakest)}"
+
+
+def visits_line(visits: tuple[PlannedVisits, PlannedVisits]) -> str:
+    """Return what visits of the drift pose will show, and what twice as many would and cost."""
+    now, doubled = visits
+    return (
+        f"{now.visits} visits of the drift pose: scatter known to ±{now.scatter_std:.0%}, an error "
+        f"that repeats shown from {now.shown_share:.0%} of its variance on; "
+        f"{doubled.visits - now.visits} more (+ {interval((doubled.seconds, doubled.seconds))}): "
+        f"±{doubled.scatter_std:.0%}, from {doubled.shown_share:.0%} on"
+    )
 
 
 def warnings(forecast: Forecast) -> Iterator[str]:

@@ -9,6 +9,7 @@ from app.console import WARNING, Terminal
 from app.next import tell_next
 from app.options import Plot
 from campaigns.campaign import Campaign
+from campaigns.identification.repeats import PlannedVisits
 from campaigns.measuring.stopping_rule import read_goal
 from campaigns.options import PlanOptions, ProgramOptions
 from campaigns.planning.plans import pairs_of
@@ -32,6 +33,8 @@ class PlanAnswer:
     """Parameter with the largest σ, of lengths and of angles."""
     from_below: Sequence[float]
     """Share of the shots that each joint approaches from a smaller value."""
+    repeats: Sequence[PlannedVisits]
+    """Visits of the drift pose and what they will show: the plan's, then twice as many."""
     fitting_lines_mm: Sequence[float] | None
     space: Mapping[str, object] | None
     """Candidates that the space refuses; None where nothing restricts it."""
@@ -135,6 +138,7 @@ def plan_answer(
             if row is not None  # a mechanism of linear axes may have no angle
         ],
         from_below=forecast.from_below,
+        repeats=planned.visits,
         fitting_lines_mm=planned.lines_mm,
         space=space,
         seconds_estimated=planned.checked.seconds,

@@ -39,6 +39,30 @@ class _Visits:
     """Degrees of freedom of all deviations."""
 
 
+@dataclass(frozen=True, slots=True)
+class PlannedVisits:
+    """Visits of one pose, and what they will show of the scatter."""
+
+    visits: int
+    """All visits of the pose."""
+    seconds: float
+    """Time beyond that of the plan."""
+    scatter_std: float
+    """1 σ of their scatter, relative to it."""
+    shown_share: float
+    """Least share of the fit's scatter, as a variance, that they show to repeat, by even chance."""
+
+
+# The scatter s of k visits has ν = 3 (k - 1) degrees of freedom: σ(s)/s = 1/√(2 ν). If a share e of
+# the fit's scatter repeats, the ratio of variances is (1 - e) F. Half of all ratios are below
+# (1 - e) times the median of F, so that half of all campaigns show e where that is the limit of F.
+def planned_visits(visits: int, fit_freedom: float, seconds: float = 0.0) -> PlannedVisits:
+    """Return what two or more visits of one pose will show beside a fit's degrees of freedom."""
+    freedom = 3 * (visits - 1)
+    limit, median = scipy.special.fdtri(freedom, fit_freedom, [LEVEL, 0.5])
+    return PlannedVisits(visits, seconds, (2.0 * freedom) ** -0.5, 1.0 - float(limit / median))
+
+
 # Deviations d of visits from the mean of their pose have the noise V of a shot, less what the mean
 # took up: Σ d'V⁻¹d has 3 (k - 1) degrees of freedom. It is divided by the scatter of the fit, which
 # has degrees of freedom of its own, so that its size is compared by F.

@@ -64,6 +64,8 @@ class Forecast:
     """1 σ of positions over the workspace, the frame best fitted, (N,)."""
     from_below: tuple[float, ...]
     """Share of the shots to which each joint comes from a smaller value, (n,)."""
+    freedom: float
+    """Degrees of freedom by which the fit will know the scatter of its shots."""
 
     def worst(self, unit: str) -> tuple[str, float] | None:
         """Return the parameter with the largest 1 σ in a unit, and this σ; None: no such unit."""
@@ -98,11 +100,12 @@ def forecast(
     noise = point_covariance_mm2(poses[rows, :3] - tracker_mm, instrument)
     weights = np.asarray(np.linalg.inv(noise), dtype=np.float64)
     information, size = shot_information(linearised.jacobian, weights), len(model.names)
-    covariance = np.asarray(np.linalg.inv(prior_precision(model) + information), dtype=np.float64)
+    prior = prior_precision(model)
+    covariance = np.asarray(np.linalg.inv(prior + information), dtype=np.float64)
     # Directions that shots leave at their prior are datum, not result: σ of parameters is stated
     # without them. They count in σ of positions, where they move any.
     null = null_directions_of(
-        marginal_information(information, size), model.names, prior_precision(model)[:size, :size]
+        marginal_information(information, size), model.names, prior[:size, :size]
     )
     return Forecast(
         shots=len(rows),
@@ -110,6 +113,7 @@ def forecast(
         units=dict(zip(model.parameters, model.units, strict=False)),
         position_std_mm=position_std_mm(judged, covariance[:size, :size]),
         from_below=tuple(positive_approach_shares(joints, joints[0], identify).tolist()),
+        freedom=3.0 * len(rows) - len(prior) + float((covariance * prior).sum()),
     )
 
 

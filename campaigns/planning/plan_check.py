@@ -20,6 +20,7 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.design.pose_sampling import incidence_rad
 from campaigns.design.restricted_space import RestrictedSpace
+from campaigns.design.tours import travel_rad
 from campaigns.errors import PlanInvalid
 from campaigns.kinematics.feasibility import Feasibility, Limits
 from campaigns.kinematics.mechanism import Kinematics
@@ -100,6 +101,17 @@ def check_plan(
     )
     seconds = limits.pace.seconds(len(shots), paths.travel_rad)
     return CheckedPlan(tuple(shots), paths.detours, seconds)
+
+
+def seconds_of_visits(
+    count: int, shots: Sequence[PlannedShot], kinematics: Kinematics, pace: Pace
+) -> float:
+    """Return the time of further visits of the drift pose, anywhere between other shots."""
+    drift = [shot.joints for shot in shots if shot.purpose is ShotSet.DRIFT]
+    others = [shot.joints for shot in shots if shot.purpose is not ShotSet.DRIFT and not shot.nest]
+    pose, turns = (kinematics.comparable(np.array(joints)) for joints in (drift[0], others))
+    away, direct = travel_rad(turns, pose), travel_rad(turns[:-1], turns[1:])
+    return pace.seconds(count, count * float(np.mean(away[:-1] + away[1:] - direct)))
 
 
 def refuse(faults: Sequence[str], *, remedy: str) -> None:

@@ -9,7 +9,7 @@
 # 4. Write plan.csv; an older plan is renamed. Only this step holds the campaign: making an optimal
 #    plan takes long, and other commands need not wait for it.
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,14 +20,16 @@ from campaigns.design.restricted_space import Refusals
 from campaigns.fit.error_model import ErrorModel
 from campaigns.identification.observations import error_model
 from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.repeats import PlannedVisits, planned_visits
 from campaigns.measuring.stopping_rule import read_goal
 from campaigns.options import PlanOptions
 from campaigns.planning.forecast import Forecast, forecast, judged_positions
 from campaigns.planning.optimal_plan import MOST_SHOTS, OptimalRequest, make_optimal_plan
-from campaigns.planning.plan_check import CheckedPlan
-from campaigns.planning.plan_file import write_beside_older
+from campaigns.planning.plan_check import CheckedPlan, seconds_of_visits
+from campaigns.planning.plan_file import PlannedShot, write_beside_older
 from campaigns.planning.plans import Placement, make_plan, poses_of, with_nests
 from campaigns.planning.validation_plan import SHORTEST_PART, fitting_lines
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.identification import identification_options
 
 REFUSALS_SAMPLE = 2000
@@ -43,6 +45,8 @@ class PlannedCampaign:
         forecast: Predicted 1 σ of parameters and positions.
         placement: How the poses were chosen.
         seed: Seed of the random generator.
+        visits: What the plan's visits of the drift pose will show of the scatter, and what twice as
+            many would, with the time that the further ones take.
         refusals: Shares of poses that the restricted space refuses; None without such a space.
         lines_mm: Lengths of validation lines that would fit, mm, where those in campaign.yaml are
             too long; None where they fit.
@@ -52,6 +56,7 @@ class PlannedCampaign:
     forecast: Forecast
     placement: Placement
     seed: int
+    visits: tuple[PlannedVisits, PlannedVisits]
     refusals: Refusals | None = None
     lines_mm: tuple[float, float, float] | None = None
 
@@ -125,14 +130,25 @@ def _make_and_check(
     tell("predicting the uncertainty that the shots will give")
     judged = judged_positions(model, campaign.robot_model, poses_of(shots))
     tracker_mm = np.array(campaign.view.tracker_mm)
+    predicted = forecast(shots, model, tracker_mm, campaign.instrument, judged)
     return PlannedCampaign(
         checked,
-        forecast(shots, model, tracker_mm, campaign.instrument, judged),
+        predicted,
         placement,
         seed,
+        _visits(campaign, checked.shots, predicted.freedom),
         _refusals(campaign, rng),
         _fitting_lines_mm(campaign),
     )
+
+
+def _visits(
+    campaign: Campaign, shots: Sequence[PlannedShot], fit_freedom: float
+) -> tuple[PlannedVisits, PlannedVisits]:
+    """Return what the plan's visits of the drift pose will show, and what twice as many would."""
+    visits = sum(shot.purpose is ShotSet.DRIFT for shot in shots)
+    seconds = seconds_of_visits(visits, shots, campaign.robot.kinematics, campaign.pace)
+    return planned_visits(visits, fit_freedom), planned_visits(2 * visits, fit_freedom, seconds)
 
 
 def _fitting_lines_mm(campaign: Campaign) -> tuple[float, float, float] | None:

@@ -24,7 +24,7 @@ PLAN_KEYS = {
     *("schema", "next", "before_next", "next_reason"),
     *("shots", "pairs", "placement", "seed", "until_mm", "position_std_mm", "predicted_std"),
     *("weakest", "from_below", "fitting_lines_mm", "space", "seconds_estimated"),
-    *("path", "programs"),
+    *("path", "programs", "repeats"),
 }
 
 
@@ -134,6 +134,11 @@ def test_the_document_says_how_the_plan_was_made_and_what_it_will_give(campaign,
     assert length["std"] == max(v for name, v in std.items() if SPACE[name].unit == "mm")
     assert angle["unit"] == "deg"
     assert len(document["from_below"]) == 4
+    now, doubled = document["repeats"]
+    assert (doubled["visits"], now["seconds"]) == (2 * now["visits"], 0.0)
+    assert 0.0 < doubled["seconds"] < document["seconds_estimated"]
+    assert doubled["scatter_std"] < now["scatter_std"] < 0.3
+    assert doubled["shown_share"] < now["shown_share"] < 0.8
 
 
 def test_what_people_read_names_prior_noise_and_the_weakest(campaign, capsys):
@@ -141,7 +146,12 @@ def test_what_people_read_names_prior_noise_and_the_weakest(campaign, capsys):
     words = ("--shots", "20", "--plot", str(picture))
     assert run_command(["--verbose", "plan", str(campaign.folder), *words]) == 0
     text = " ".join(capsys.readouterr().out.split())
-    for words in ("prior: every source", "noise: the tracker's", "positions in the workspace ±"):
+    for words in (
+        "prior: every source",
+        "noise: the tracker's",
+        "positions in the workspace ±",
+        "visits of the drift pose: scatter known to ±",
+    ):
         assert words in text
     assert "weakest: arm" in text
     assert picture.exists()
@@ -153,6 +163,7 @@ NOTHING_ODD = Forecast(
     {"arm1.x_mm": "mm", "arm2.x_mm": "mm", "arm0.joint_offset_deg": "deg"},
     np.array([0.001, 0.003]),
     (0.5, 0.5, 0.5, 0.5),
+    80.0,
 )
 
 

@@ -52,7 +52,7 @@ def test_arrows_are_magnified_by_a_round_factor(size_mm: float, factor: float) -
 
 def predicted(*names: str) -> Forecast:
     units = {name: name.rpartition("_")[2] for name in names}
-    return Forecast(12, dict.fromkeys(names, 0.01), units, np.array([0.002]), (0.5,) * 4)
+    return Forecast(12, dict.fromkeys(names, 0.01), units, np.array([0.002]), (0.5,) * 4, 20.0)
 
 
 @pytest.mark.parametrize(

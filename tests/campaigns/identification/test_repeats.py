@@ -11,7 +11,7 @@ from campaigns.api import identify, sample_workspace
 from campaigns.fit.fit import fit_model, noise_parts
 from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
-from campaigns.identification.repeats import repeating_share
+from campaigns.identification.repeats import LEVEL, planned_visits, repeating_share
 from campaigns.shots.shot_sets import ShotSet
 
 VISITS = 10
@@ -196,3 +196,32 @@ def test_visits_of_one_pose_in_two_sessions_have_a_mean_each(visited):
     of_two = repeating_share(fit, shots, replace(observations, frame=frame))
     best = visited.likeliest((3, residuals[:8]), (3, residuals[8:]))
     assert of_two == pytest.approx(1.0 - best)
+
+
+def drawn_variances(visits, count, seed):
+    """Variances of so many visits of one pose that scatter by 1 an axis, of `count` campaigns."""
+    points = np.random.default_rng(seed).standard_normal((count, visits, 3))
+    deviations = points - points.mean(axis=1, keepdims=True)
+    return (deviations**2).sum(axis=(1, 2)) / (3 * (visits - 1))
+
+
+@pytest.mark.parametrize("visits", [3, 6, 10])
+def test_planned_visits_show_the_scatter_as_drawn_ones_do(visits):
+    freedom, count = 120, 4000
+    planned = planned_visits(visits, freedom)
+    variances = drawn_variances(visits, count, seed=visits)
+    assert planned.scatter_std == pytest.approx(np.sqrt(variances).std(), rel=0.08)
+    # the fit's scatter is 1, of which a share repeats and is not in the visits
+    of_fit = np.random.default_rng(9).chisquare(freedom, count) / freedom
+
+    def shown(share):
+        ratios = (1.0 - share) * variances / of_fit
+        return (scipy.stats.f(3 * (visits - 1), freedom).cdf(ratios) < LEVEL).mean()
+
+    assert shown(0.0) == pytest.approx(LEVEL, abs=0.015)
+    assert shown(planned.shown_share) == pytest.approx(0.5, abs=0.03)
+
+
+def test_more_visits_show_more():
+    shares = [planned_visits(visits, 120.0).shown_share for visits in (3, 5, 10)]
+    assert shares == pytest.approx([0.70, 0.55, 0.41], abs=0.01)

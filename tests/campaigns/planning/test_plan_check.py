@@ -12,7 +12,7 @@ from small_plans import FOUR_PAIRS, LIMITS, OPEN, PACE, VIEW, planned
 from campaigns.errors import PlanInvalid
 from campaigns.planning import plan_check
 from campaigns.planning.paths import RobotModel
-from campaigns.planning.plan_check import CheckedPlan, PlanLimits, check_plan
+from campaigns.planning.plan_check import CheckedPlan, PlanLimits, check_plan, seconds_of_visits
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import View
 from campaigns.settings.sections import KnownLengthConfig
@@ -46,6 +46,19 @@ def test_good_plan_is_timed() -> None:
     joints = np.array([shot.joints for shot in FOUR_PAIRS])
     straight_rad = np.abs(np.diff(joints, axis=0)).max(axis=1).sum()
     assert checked.seconds == pytest.approx(straight_rad + 10 * 1.2)
+
+
+def test_further_visits_of_the_drift_pose_take_the_time_that_plans_with_them_do() -> None:
+    rows = range(1, len(FOUR_PAIRS) - 1)  # between two shots of pairs, not beside a drift shot
+    drift = FOUR_PAIRS[0]
+    longer = [
+        check((*FOUR_PAIRS[: row + 1], drift, *FOUR_PAIRS[row + 1 :])).seconds
+        for row in rows
+        if ShotSet.DRIFT not in {shot.purpose for shot in FOUR_PAIRS[row : row + 2]}
+    ]
+    each_s = np.mean(longer) - check(FOUR_PAIRS).seconds
+    assert len(longer) == 7
+    assert seconds_of_visits(3, FOUR_PAIRS, NOMINAL, PACE) == pytest.approx(3 * each_s)
 
 
 def test_pose_that_cannot_be_taken_is_named_with_its_reason() -> None:
