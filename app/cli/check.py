@@ -49,9 +49,9 @@ def command(
     """Test with a few shots whether the robot is still calibrated.
 
     The shots are spread over those of the plan. The tracker may stand anywhere, but must not move
-    during the check. The shots are compared with the last identification: if they contradict it,
-    the parts that most likely changed are named. `pkmcal identify --update` then updates the
-    parameters.
+    during the check; left where it stood, it shows smaller changes. The shots are compared with the
+    last identification: if they contradict it, the parts that most likely changed are named.
+    `pkmcal identify --update` then updates the parameters.
 
     Exit code 1: the robot has changed, or the shots do not decide whether it has. Shots that
     contradict all others (`wrong` in --json) decide nothing: check again.

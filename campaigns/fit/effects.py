@@ -44,6 +44,8 @@ STAND_MM = 0.010
 """Usual random walk of a stand indoors from a session's first shot to its last, 1 σ an axis."""
 STAND_DISTANCE_MM = 3000.0
 """Distance of a tracker over which its stand's usual turn shows as that walk."""
+USUAL_STAND = (1e3 * STAND_MM / STAND_DISTANCE_MM,) * 3 + (STAND_MM,) * 3
+"""Usual motion of a stand in turns (mrad) and shifts (mm)."""
 WALK_MODES = 4
 
 
@@ -179,14 +181,51 @@ class Walk(Effect):
         """Six unknowns of each mode."""
         return 6 * WALK_MODES
 
+    @property
+    def at_end(self) -> Array:
+        """Return the frame's motion by each unknown at the end of the session, (6, k)."""
+        return np.asarray(self._at(np.ones(1))[0])
+
     def basis(self, observations: "Observations") -> Array:
         """Return the frame's motion by each mode, (N, 6, 24): turns in mrad, shifts in mm."""
+        is_here = observations.frame == self.session
+        return np.asarray(self._at(observations.time) * is_here[:, None, None])
+
+    def _at(self, time: Array) -> Array:
+        """Return the frame's motion by each mode at times in the session, (N, 6, 24)."""
         k = np.pi * np.arange(1, WALK_MODES + 1)
-        modes = np.sqrt(2.0) * np.cos(np.outer(observations.time, k)) / k
-        modes = modes * (observations.frame == self.session)[:, None]
-        turn_mrad = 1e3 * STAND_MM / STAND_DISTANCE_MM
-        usual = np.diag([turn_mrad] * 3 + [STAND_MM] * 3)
-        return np.asarray(np.einsum("nk,ij->nikj", modes, usual).reshape(len(modes), 6, -1))
+        modes = np.sqrt(2.0) * np.cos(np.outer(time, k)) / k
+        motions = np.einsum("nk,ij->nikj", modes, np.diag(USUAL_STAND))
+        return np.asarray(motions.reshape(len(time), 6, -1))
+
+
+# Its size is learned with a half-Cauchy prior, whose tail is long: a bump of millimetres frees the
+# frame from the former one.
+@dataclass(frozen=True, slots=True)
+class StandSince(Effect):
+    """Motion of the tracker's stand, or of the robot's base, since a former result."""
+
+    smallest_size: ClassVar[float] = 1.0
+    source: ClassVar[str] = "stand"
+
+    @property
+    def name(self) -> str:
+        """The name of slow motions in sessions: proposals hold both."""
+        return "stand"
+
+    @property
+    def moves(self) -> Moved:
+        """The frame."""
+        return "frame"
+
+    @property
+    def count(self) -> int:
+        """Three turns and three shifts."""
+        return len(USUAL_STAND)
+
+    def basis(self, observations: "Observations") -> Array:
+        """Return the usual motion of the frame, alike for all shots, (N, 6, 6)."""
+        return np.broadcast_to(np.diag(USUAL_STAND), (len(observations), 6, 6))
 
 
 # By the rate ω the wave a sin ωq + b cos ωq changes by q (a cos ωq - b sin ωq): a column of its own

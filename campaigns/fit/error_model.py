@@ -25,13 +25,14 @@ from typing import Self
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.fit.effects import Effect, Moved, Step
+from campaigns.fit.effects import Effect, Moved, Step, Walk
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES, tolerance_of, tracker_columns
 from campaigns.fit.rigid_transforms import (
     Transform,
     fit_transform,
     frame_jacobian,
     rotation_by,
+    rotation_vector_rad,
     rotations_by,
 )
 from campaigns.kinematics.closed_chain import Assembly
@@ -290,6 +291,20 @@ class ErrorModel:
                 matrix[:, where] = effect.by_unknowns
         return matrix
 
+    def frame_of_today(self, frames: int) -> Array:
+        """Return the matrix (6, P + effects + 6 F) from all unknowns to today's frame, mrad and mm.
+
+        That is the last one of F, at the end of its session, with the changes that last.
+        """
+        matrix = np.zeros((6, self.size + 6 * frames))
+        matrix[:, -6:] = np.eye(6)
+        for effect, where in zip(self.effects, self.effect_places, strict=True):
+            if isinstance(effect, Walk) and effect.session == frames - 1:
+                matrix[:, where] = effect.at_end
+            elif isinstance(effect, Step) and effect.is_lasting and effect.moves == "frame":
+                matrix[:, where] = effect.by_unknowns
+        return matrix
+
     def positions(
         self, x: Array, observations: Observations, near: Array
     ) -> tuple[Kinematics, Assembly]:
@@ -492,6 +507,12 @@ def moved_frames(frames: tuple[Transform, ...], step: Array) -> tuple[Transform,
         )
         for frame, of_frame in zip(frames, steps, strict=True)
     )
+
+
+def frame_motion(before: Transform, now: Transform) -> Array:
+    """Return the step (6,) from one frame to another: turns in mrad, shifts in mm."""
+    turn_rad = rotation_vector_rad(now.rotation @ before.rotation.T)
+    return np.concatenate([turn_rad / MRAD, now.translation_mm - before.translation_mm])
 
 
 # Points farther off than six medians and 1 mm are left out three times, for a far point pulls the

@@ -34,6 +34,7 @@ from campaigns.fit.effects import (
     Lag,
     Layer,
     RateError,
+    StandSince,
     Step,
     Walk,
 )
@@ -260,7 +261,7 @@ def _without_superfluous(fit: Fit, evidence: float) -> tuple[Fit, float] | None:
     simpler = (
         tuple(effect for effect in fit.model.effects if effect is not spare)
         for spare in fit.model.effects
-        if not isinstance(spare, (Walk, Layer, RateError))
+        if not isinstance(spare, (Walk, StandSince, Layer, RateError))
     )
     return _best_of(fit, simpler, evidence)
 

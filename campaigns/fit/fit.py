@@ -42,6 +42,7 @@ from campaigns.fit.error_model import (
     Observations,
     Prediction,
     first_frames,
+    frame_motion,
     moved_frames,
 )
 from campaigns.fit.error_sources import SCATTER_TOLERANCE_MM, SOURCES, scatter_tolerance_of_joints
@@ -86,12 +87,15 @@ class Prior:
     mean: Array | None = None
     """Mean (P,) of a former result, in tolerances; None: nominal."""
     precision: Array | None = None
-    """Precision (P, P) of a former result, instead of the tolerances; None: the tolerances hold."""
+    """Precision (P, P) of a former result, instead of the tolerances; None: the tolerances hold.
+    With a former frame (P + 6, P + 6), the frame's turns (mrad) and shifts (mm) last."""
     factors: Mapping[str, float] = field(default_factory=dict)
     """Factors of the noise's parts by a former result, which stay; empty: they are estimated."""
     lengths: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Value and 1 σ of a tracker's source that known lengths measured, instead of its tolerance, in
     the source's unit: mm, rad or a ratio."""
+    frame: Transform | None = None
+    """`tracker_from_base` of a former result; None: frames are flat."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,15 +199,19 @@ class Fit:
     def prior_terms(self) -> tuple[Array, Array]:
         """Precision (Q, Q) of the priors whose size is not learned; deviations (Q,) from means."""
         # A tolerance is a precision of 1. A length known to σ, of a source with tolerance τ, is the
-        # precision (τ / σ)² about its value / τ. Frames have no prior.
+        # precision (τ / σ)² about its value / τ. Frames have no prior, but for that of a former
+        # result.
         model, prior, count = self.model, self.prior, len(self.model.names)
         size = self.at.jacobian.shape[2]
         deviation = np.concatenate([self.at.x, np.zeros(size - model.size)])
         precision = np.zeros((size, size))
         if prior.precision is not None and prior.mean is not None:
-            precision[:count, :count] = prior.precision
+            former = [*range(count), *range(size)[size - len(prior.precision) + count :]]
+            precision[np.ix_(former, former)] = prior.precision
             deviation[:count] -= prior.mean
             of_table = np.zeros(count)
+            if prior.frame is not None:
+                deviation[-6:] = frame_motion(prior.frame, self.at.frames[-1])
         else:
             of_table = np.ones(count)
         diagonal = np.concatenate(
@@ -676,7 +684,9 @@ def log_evidence(fit: Fit) -> float:
     """Return the log evidence of the model, up to a constant of the shots."""
     used = fit.kept & fit.usable
     counted = replace(fit, good=used.astype(np.float64))
-    residual, size = counted.at.residual[used], fit.model.size
+    # a flat frame has no prior density, and its volume is the same for all hypotheses
+    size = fit.model.size if fit.prior.frame is None else len(fit.precision)
+    residual = counted.at.residual[used]
     chi2 = np.einsum("ni,nij,nj->", residual, fit.inverse_noise[used], residual)
     value = -0.5 * (chi2 + np.linalg.slogdet(fit.total_noise[used])[1].sum())
     deviation, precision = fit.prior_terms[1][:size], fit.precision[:size, :size]

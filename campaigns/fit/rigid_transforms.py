@@ -87,6 +87,11 @@ def rotation_by(vector_rad: Array) -> Array:
     return np.asarray(scipy.spatial.transform.Rotation.from_rotvec(vector_rad).as_matrix())
 
 
+def rotation_vector_rad(rotation: Array) -> Array:
+    """Return the rotation vector (3,) of a rotation matrix (3, 3)."""
+    return np.asarray(scipy.spatial.transform.Rotation.from_matrix(rotation).as_rotvec())
+
+
 # Rodrigues' formula R = 1 + sin φ [n] + (1 - cos φ) [n]², with sin φ / φ and (1 - cos φ) / φ² as
 # functions that are regular at φ = 0.
 def rotations_by(vectors_rad: Array) -> Array:

@@ -41,7 +41,7 @@ from campaigns.fit.fit import Fit, Prior, integrate_sizes, refit, settle, with_s
 from campaigns.fit.left_out import pattern_of
 from campaigns.fit.periods import scan_periods, with_periods_of_robot
 from campaigns.fit.rigid_transforms import SHOTS_FOR_A_FRAME, fit_transform
-from campaigns.fit.uncertainty import NullDirections, null_directions
+from campaigns.fit.uncertainty import NullDirections, frame_of_today, null_directions
 from campaigns.identification import findings
 from campaigns.identification.checking import fit_with_former, former_datum, misfit_of
 from campaigns.identification.findings import NOTHING_UNSEEN, Finding
@@ -365,6 +365,7 @@ class _JudgedCampaign:
         # directions are stored beside it so that an update can apply the same datum.
         matrix, size = fit.model.of_today, fit.model.size
         covariance = matrix @ fit.covariance[:size, :size] @ matrix.T
+        frame, of_frame = frame_of_today(fit)
         return StoredPosterior(
             fit.model.names,
             tuple(fit.model.tolerance.tolist()),
@@ -374,6 +375,8 @@ class _JudgedCampaign:
             {part: float(factor) for part, factor in fit.factors.items()},
             fit.model.nominal.mechanism.rates,
             tuple(map(tuple, null.vectors.T.tolist())),
+            Frame.of(frame),
+            tuple(map(tuple, of_frame.tolist())),
         )
 
     def _scatter(self, fit: Fit) -> Scatter:

@@ -167,6 +167,10 @@ class StoredPosterior:
     """Rates of the joints' ripples, in the unit of robot files; (): those of the robot file."""
     undetermined: tuple[tuple[float, ...], ...] = ()
     """Orthonormal directions in tolerances, (k, P), that no shot determined: the datum."""
+    frame: "Frame | None" = None
+    """Frame at the end of the shots; None: an older version stored none."""
+    frame_covariance: tuple[tuple[float, ...], ...] = ()
+    """Its covariance with all unknowns and with itself, in mrad and mm, (6, P + 6)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy
-from rod_campaigns import SMALL, rod_campaign
+from rod_campaigns import SMALL, TRACKER_FROM_BASE, rod_campaign
 
 from campaigns.api import find_robot, sample_workspace
 from campaigns.errors import IdentificationRefused
+from campaigns.evaluation.decision import coverage_factor
+from campaigns.fit.events import visible_changes
 from campaigns.fit.fit import Prior
-from campaigns.fit.rigid_transforms import from_paper_angles
+from campaigns.fit.rigid_transforms import Transform, from_paper_angles, rotation_by
 from campaigns.identification.checking import (
     CheckResult,
     Misfit,
@@ -18,6 +20,7 @@ from campaigns.identification.checking import (
     fit_with_former,
     former_datum,
     misfit_of,
+    with_former_stand,
 )
 from campaigns.identification.identify import identify, update
 from campaigns.identification.options import IdentificationOptions
@@ -115,6 +118,129 @@ def test_a_result_of_another_kind_of_robot_is_refused(former):
     shots = replace(few(former), joints=joints, approach=np.zeros_like(joints), commanded=poses)
     with pytest.raises(IdentificationRefused, match="other unknowns"):
         check(other, shots, found.uncertainty.posterior, how)
+
+
+# The tracker's stand
+
+
+def again(former, *, stand_mm=0.0, encoder_deg=0.0, part=0, seed=1):
+    """Eight shots measured again, by a stand that moved, and turned by a third of it in mrad."""
+    campaign, rng = former[0], np.random.default_rng(seed)
+    shots = campaign.shots.rows(np.linspace(0, 59, 8).astype(int))
+    campaign.truth.encoder_shift[part] = np.radians(encoder_deg)
+    points = campaign.truth.positions(shots.joints, shots.commanded, shots.approach)
+    campaign.truth.encoder_shift[part] = 0.0
+    shift, turn = (v / np.linalg.norm(v) for v in rng.standard_normal((2, 3)))
+    moved = Transform(rotation_by(1e-3 * stand_mm / 3.0 * turn), stand_mm * shift)
+    seen = TRACKER_FROM_BASE.apply(points)
+    now = moved.apply(seen) + 0.01 * rng.standard_normal(seen.shape)
+    motion_mm = float(np.linalg.norm(moved.apply(seen) - seen, axis=1).max())
+    return replace(shots, points_in_tracker_mm=now), motion_mm
+
+
+def without_frame(posterior):
+    """The posterior as an older version stored it."""
+    return replace(posterior, frame=None, frame_covariance=())
+
+
+@pytest.mark.slow
+def test_a_stand_that_was_left_shows_smaller_changes_than_a_new_one(former):
+    campaign, found, how = former
+    nominal, posterior = campaign.robot.kinematics, found.posterior
+    flat = fit_with_former(nominal, again(former)[0], posterior, how)
+    stayed, new = visible_changes(with_former_stand(flat, posterior)), visible_changes(flat)
+    assert stayed["encoder"] < 0.85 * new["encoder"]
+    assert all(stayed[part] < new[part] for part in new)
+    named = {"new": 0, "left": 0}
+    for seed in range(1, 5):
+        shots, _ = again(former, encoder_deg=0.02, part=seed - 1, seed=seed)
+        for stand, known in (("new", without_frame(posterior)), ("left", posterior)):
+            parts = check(nominal, shots, known, how).parts
+            named[stand] += f"encoder {seed - 1}" in parts
+    assert named["left"] > named["new"], named
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stand_mm", [0.03, 0.1, 0.3, 1.0, 5.0])
+def test_a_stand_that_moved_is_no_changed_robot_and_its_motion_is_stated(former, stand_mm):
+    campaign, found, how = former
+    for seed in range(1, 5):
+        shots, motion_mm = again(former, stand_mm=stand_mm, seed=seed)
+        judged = check(campaign.robot.kinematics, shots, found.posterior, how)
+        assert (judged.decision, judged.parts) == ("pass", ())
+        error_mm = abs(judged.stand_moved_mm - motion_mm)
+        assert error_mm < coverage_factor(count=8) * judged.stand_moved_std_mm < 0.15
+        assert "has moved by" in judged.says or stand_mm < 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stand_mm", [0.1, 5.0])
+def test_an_encoder_that_moved_is_named_though_the_stand_moved_too(former, stand_mm):
+    campaign, found, how = former
+    for seed in range(1, 5):
+        shots, _ = again(former, stand_mm=stand_mm, encoder_deg=0.05, part=seed - 1, seed=seed)
+        judged = check(campaign.robot.kinematics, shots, found.posterior, how)
+        assert f"encoder {seed - 1}" in judged.parts
+        assert "has moved by" in judged.says
+
+
+def test_a_new_stand_and_a_result_without_a_frame_are_checked_as_ever(former):
+    campaign, found, how = former
+    nominal, posterior = campaign.robot.kinematics, found.posterior
+    assert check(nominal, few(former), posterior, how) == check(
+        nominal, few(former), without_frame(posterior), how
+    )
+    shots, _ = again(former)
+    flat = fit_with_former(nominal, shots, posterior, how)
+    assert with_former_stand(flat, without_frame(posterior)) is flat
+    assert check(nominal, shots, without_frame(posterior), how).stand_moved_mm is None
+
+
+@pytest.mark.slow
+def test_a_bump_and_the_slow_motion_of_a_campaign_are_in_the_frame_that_is_stored(former):
+    campaign, _, how = former
+    shots = campaign.shots
+    points = shots.points_in_tracker_mm.copy()
+    bumped = np.arange(len(shots)) >= 30
+    points[bumped] += [0.0, 0.4, 0.0]
+    moved = replace(shots, points_in_tracker_mm=points)
+    found = identify(campaign.robot.kinematics, moved, how)
+    assert "change" in {event.kind for event in found.events}
+    for shift_mm, has_moved in ((0.4, False), (0.0, True)):
+        now, _ = again(former)
+        seen = now.points_in_tracker_mm + np.array([0.0, shift_mm, 0.0])
+        judged = check(
+            campaign.robot.kinematics, replace(now, points_in_tracker_mm=seen), found.posterior, how
+        )
+        assert judged.parts == ()
+        assert ("has moved by" in judged.says) is has_moved
+
+
+def test_an_updated_result_is_checked_by_the_stand_of_its_update(former):
+    campaign, found, how = former
+    nominal, shots = campaign.robot.kinematics, again(former, encoder_deg=0.05)[0]
+    judged = check(nominal, shots, found.posterior, how)
+    updated = update(nominal, shots, found.posterior, how, judged.parts)
+    later = check(nominal, again(former, encoder_deg=0.05, seed=2)[0], updated.posterior, how)
+    assert (later.decision, later.parts) == ("pass", ())
+    assert later.stand_moved_mm < 0.1
+
+
+def test_the_misfit_of_a_stand_that_was_left_counts_the_coordinates_that_place_it(former):
+    campaign, found, how = former
+    nominal, posterior = campaign.robot.kinematics, found.posterior
+    left, moved = (
+        misfit_of(
+            with_former_stand(
+                fit_with_former(nominal, again(former, stand_mm=stand_mm)[0], posterior, how),
+                posterior,
+            )
+        )
+        for stand_mm in (0.0, 5.0)
+    )
+    assert 18 < left.dof <= 24
+    assert moved.dof == 18
+    assert not any(misfit.is_significant for misfit in (left, moved))
 
 
 # Algebra
