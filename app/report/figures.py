@@ -51,7 +51,11 @@ TIME_UNITS = (("hours", 3600.0), ("minutes", 60.0), ("seconds", 1.0))
 
 
 def pair_errors(groups: Sequence[PairGroup]) -> list[Figure]:
-    """Draw the error of every pair, before and after, and after alone on its own scale."""
+    """Draw the error of every pair, before and after, and after alone on its own scale.
+
+    The largest have the numbers of their pairs where one stage is drawn alone: beside the errors
+    before, those after are a line on which numbers would hide each other.
+    """
     # the second panel repeats the later stage alone, if both stages were measured
     stages = [s for s in STAGES if any(group.errors_mm[s] is not None for group in groups)]
     first = "before (open) and after (filled)" if len(stages) > 1 else stages[0]
@@ -64,6 +68,8 @@ def pair_errors(groups: Sequence[PairGroup]) -> list[Figure]:
         for group in groups:
             for stage in shown:
                 _draw_errors(axes, start, group, stage, is_last=stage == shown[-1])
+            if len(shown) == 1:
+                _draw_numbers(axes, start, group, shown[0])
             start += len(group) + GAP
         axes.axhline(0.0, color=QUIET, linewidth=0.7)
         axes.set_xticks([])
@@ -73,7 +79,7 @@ def pair_errors(groups: Sequence[PairGroup]) -> list[Figure]:
 
 
 def _draw_errors(axes: Axes, start: int, group: PairGroup, stage: Stage, *, is_last: bool) -> None:
-    """Draw a group's errors of a stage, with the label and numbers if the stage is the last one."""
+    """Draw a group's errors of a stage, with the label if the stage is the last one."""
     errors_mm = group.errors_mm[stage]
     if errors_mm is None:
         return
@@ -81,11 +87,16 @@ def _draw_errors(axes: Axes, start: int, group: PairGroup, stage: Stage, *, is_l
     fill = AFTER if stage == "after" else "white"
     look: Any = {"marker": group.marker, "linestyle": "", "color": COLOURS[stage], "mfc": fill}
     axes.plot(places, errors_mm, **look, label=group.name if is_last else None)
-    if is_last and len(group.numbers) == len(errors_mm):
-        for at in np.argsort(-np.abs(errors_mm))[:NUMBERED]:
-            spot = (places[at], errors_mm[at])
-            number = str(group.numbers[at])
-            axes.annotate(number, spot, (3, 2), textcoords="offset points", size=6.0)
+
+
+def _draw_numbers(axes: Axes, start: int, group: PairGroup, stage: Stage) -> None:
+    """Name a group's largest errors of a stage by the numbers of their pairs."""
+    errors_mm = group.errors_mm[stage]
+    if errors_mm is None or len(group.numbers) != len(errors_mm):
+        return
+    for at in np.argsort(-np.abs(errors_mm))[:NUMBERED]:
+        spot, number = (start + at, errors_mm[at]), str(group.numbers[at])
+        axes.annotate(number, spot, (3, 2), textcoords="offset points", size=6.0)
 
 
 def error_arrows(errors: PositionErrors, left_out_mm: Array = NO_PLACES) -> list[Figure]:

@@ -24,9 +24,8 @@ def limits_section(evaluation: Evaluation) -> Section:
         "Specified limits",
         tables.limits("after calibration"),
         evaluation.verdict.requirements,
-        "U includes the tracker's stated uncertainty of each shot; the robot's own scatter is part "
-        "of the error e. Margin: limit − e; it must be larger than U. Limits: `acceptance` in "
-        "campaign.yaml.",
+        "U: as stated with the decision rule. Margin: limit − e; it must not be smaller than U. "
+        "Limits: `acceptance` in campaign.yaml.",
     )
     return section
 
@@ -229,7 +228,7 @@ def budget_section(evaluation: Evaluation) -> Section:
     )
     section.text(
         *tables.positions_in_words(identification),
-        "U of a position is 2 σ of this table, of a point by the identified model; U of a distance "
-        "in the tables of limits is that of the tracker between two measured points",
+        "U of a position is 2 σ of this table, of a point by the identified model; U in the table "
+        "of limits is of what was measured there",
     )
     return section

@@ -26,6 +26,7 @@ def test_errors_stand_before_and_after_and_after_alone_with_the_largest_by_numbe
     assert [list(errors) for errors in drawn] == [list(BEFORE_MM), list(AFTER_MM)]
     assert list(after.axes[0].lines[0].get_ydata()) == list(AFTER_MM)
     assert [text.get_text() for text in after.axes[0].texts] == ["6", "4"]
+    assert not both.axes[0].texts  # numbers of errors that vanish would hide each other
     svg = svg_text(after, "errors", 'Errors & "more"')
     assert ">fitted pairs</text>" in svg
     assert 'aria-label="Errors &amp; &quot;more&quot;"' in svg
