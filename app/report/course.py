@@ -109,7 +109,9 @@ class Course:
         """Describe the panels that are drawn."""
         sentences = ["Shots in the order of time: errors by the identified model."]
         if self.has_slow_stand or self.identification.judgement.events:
-            sentences = [f"{sentences[0][:-1]}, without the motions and changes that were found."]
+            of_fitted = "of fitted shots without the motions and changes that were found"
+            of_pairs = "of hold-out pairs by the parameters alone"
+            sentences = [f"Shots in the order of time: errors {of_fitted}, {of_pairs}."]
         if any(self._events("wrong shot")):
             sentences.append("Crosses: wrong shots, by how far off they are.")
         if any(self._events("change")):

@@ -37,8 +37,9 @@ def gain_section(evaluation: Evaluation) -> Section:
         "Errors of distance and position",
         tables.ERRORS,
         tables.error_rows(evaluation),
-        "Of absolute values. Fitted positions, fitted and hold-out pairs: by the model at the "
-        "measured joint angles. Commanded: as the controller moved with the parameters it held.",
+        "Of absolute values, at the measured joint angles. Fitted positions: by the model, with "
+        "the motions and changes found. Fitted and hold-out pairs: by the parameters alone. "
+        "Commanded: as the controller moved with the parameters it held.",
     )
     section.table(
         "The commanded robot, test by test",
@@ -59,7 +60,7 @@ def gain_section(evaluation: Evaluation) -> Section:
             "pair-errors",
             "Errors of distance, pair by pair",
             figures.pair_errors(pairs),
-            "Each mark is a pair: its distance by the model (fitted and hold-out pairs) or as "
+            "Each mark is a pair: its distance by the parameters (fitted and hold-out pairs) or as "
             "commanded, minus its measured distance. Numbers name the largest.",
         )
     return section
@@ -78,8 +79,9 @@ def workspace_section(evaluation: Evaluation) -> Section:
         "arrows",
         "Errors of position in the workspace",
         figures.error_arrows(positions, left_out_mm),
-        "From the modelled to the measured point, in the base frame as fitted for each model: "
-        f"where neighbouring arrows agree, the model is wrong.{crosses}",
+        "From the point by the parameters to the measured one, in the base frame as fitted for "
+        "each model: where neighbouring arrows agree, the parameters are wrong, or the robot or "
+        f"its stand changed.{crosses}",
     )
     if positions.after_mm is not None:
         section.figure(
