@@ -148,8 +148,8 @@ class Step(Effect):
         return replace(self, places=places, moved=len(names))
 
     def covers(self, moments: Array) -> Mask:
-        """Return which moments (N,) are within the span."""
-        return np.asarray((moments >= self.since) & (moments < self.until))
+        """Return which moments (N,) are within the span; an infinite one is today."""
+        return np.asarray((moments >= self.since) & ((moments < self.until) | self.is_lasting))
 
     def basis(self, observations: "Observations") -> Array:
         """Return the usual change of each moved quantity within the span, (N, moved, k)."""

@@ -136,7 +136,9 @@ def test_a_bump_of_the_frame_turns_and_shifts_the_points_behind_it():
 def test_steps_cover_their_first_shot_and_not_that_behind_them():
     step = Step("encoder 0", 3.0, 6.0, (1.0,), (0,), 4)
     assert step.covers(np.arange(8.0)).tolist() == [False] * 3 + [True] * 3 + [False] * 2
-    assert replace(step, until=np.inf).covers(np.array([np.inf, 1e9])).tolist() == [False, True]
+    lasting = replace(step, until=np.inf)
+    assert lasting.covers(np.array([2.0, 1e9, np.inf])).tolist() == [False, True, True]
+    assert not step.covers(np.array([np.inf])).any()  # today's robot has what lasts
     assert step.name != replace(step, until=7.0).name
     assert step.name != replace(step, since=4.0).name
     assert step.smallest_size == 1.0

@@ -258,8 +258,14 @@ def test_a_change_between_fitted_and_hold_out_shots_is_named():
     campaign = rod_campaign("par4-prototype", shots=SHOTS // 2, pairs=8, seed=3)
     joints = campaign.shots.joints.copy()
     joints[SHOTS // 2 :, 1] += np.radians(0.05)
-    (change,) = changes(identified(with_joints(campaign, joints)))
+    result = identified(with_joints(campaign, joints))
+    (change,) = changes(result)
     assert (change.numbers["part"], change.numbers["before_shot"]) == ("encoder 1", SHOTS // 2)
+    # nor does any show its size: σ of positions is that of a robot whose encoder changed
+    offset, std = result.parameters["arm1.joint_offset_deg"], result.position_std_mm
+    assert (offset.std or 0.0) > 0.05
+    assert std is not None
+    assert std.rms > 0.1
 
 
 def test_a_change_beside_a_period_that_becomes_the_robots_own_is_found(clean):
