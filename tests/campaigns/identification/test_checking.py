@@ -146,7 +146,7 @@ def without_frame(posterior):
 @pytest.mark.slow
 def test_a_stand_that_was_left_shows_smaller_changes_than_a_new_one(former):
     campaign, found, how = former
-    nominal, posterior = campaign.robot.kinematics, found.posterior
+    nominal, posterior = campaign.robot.kinematics, found.uncertainty.posterior
     flat = fit_with_former(nominal, again(former)[0], posterior, how)
     stayed, new = visible_changes(with_former_stand(flat, posterior)), visible_changes(flat)
     assert stayed["encoder"] < 0.85 * new["encoder"]
@@ -166,7 +166,7 @@ def test_a_stand_that_moved_is_no_changed_robot_and_its_motion_is_stated(former,
     campaign, found, how = former
     for seed in range(1, 5):
         shots, motion_mm = again(former, stand_mm=stand_mm, seed=seed)
-        judged = check(campaign.robot.kinematics, shots, found.posterior, how)
+        judged = check(campaign.robot.kinematics, shots, found.uncertainty.posterior, how)
         assert (judged.decision, judged.parts) == ("pass", ())
         error_mm = abs(judged.stand_moved_mm - motion_mm)
         assert error_mm < coverage_factor(count=8) * judged.stand_moved_std_mm < 0.15
@@ -179,14 +179,14 @@ def test_an_encoder_that_moved_is_named_though_the_stand_moved_too(former, stand
     campaign, found, how = former
     for seed in range(1, 5):
         shots, _ = again(former, stand_mm=stand_mm, encoder_deg=0.05, part=seed - 1, seed=seed)
-        judged = check(campaign.robot.kinematics, shots, found.posterior, how)
+        judged = check(campaign.robot.kinematics, shots, found.uncertainty.posterior, how)
         assert f"encoder {seed - 1}" in judged.parts
         assert "has moved by" in judged.says
 
 
 def test_a_new_stand_and_a_result_without_a_frame_are_checked_as_ever(former):
     campaign, found, how = former
-    nominal, posterior = campaign.robot.kinematics, found.posterior
+    nominal, posterior = campaign.robot.kinematics, found.uncertainty.posterior
     assert check(nominal, few(former), posterior, how) == check(
         nominal, few(former), without_frame(posterior), how
     )
@@ -205,12 +205,15 @@ def test_a_bump_and_the_slow_motion_of_a_campaign_are_in_the_frame_that_is_store
     points[bumped] += [0.0, 0.4, 0.0]
     moved = replace(shots, points_in_tracker_mm=points)
     found = identify(campaign.robot.kinematics, moved, how)
-    assert "change" in {event.kind for event in found.events}
+    assert "change" in {event.kind for event in found.judgement.events}
     for shift_mm, has_moved in ((0.4, False), (0.0, True)):
         now, _ = again(former)
         seen = now.points_in_tracker_mm + np.array([0.0, shift_mm, 0.0])
         judged = check(
-            campaign.robot.kinematics, replace(now, points_in_tracker_mm=seen), found.posterior, how
+            campaign.robot.kinematics,
+            replace(now, points_in_tracker_mm=seen),
+            found.uncertainty.posterior,
+            how,
         )
         assert judged.parts == ()
         assert ("has moved by" in judged.says) is has_moved
@@ -219,16 +222,18 @@ def test_a_bump_and_the_slow_motion_of_a_campaign_are_in_the_frame_that_is_store
 def test_an_updated_result_is_checked_by_the_stand_of_its_update(former):
     campaign, found, how = former
     nominal, shots = campaign.robot.kinematics, again(former, encoder_deg=0.05)[0]
-    judged = check(nominal, shots, found.posterior, how)
-    updated = update(nominal, shots, found.posterior, how, judged.parts)
-    later = check(nominal, again(former, encoder_deg=0.05, seed=2)[0], updated.posterior, how)
+    judged = check(nominal, shots, found.uncertainty.posterior, how)
+    updated = update(nominal, shots, found.uncertainty.posterior, how, judged.parts)
+    later = check(
+        nominal, again(former, encoder_deg=0.05, seed=2)[0], updated.uncertainty.posterior, how
+    )
     assert (later.decision, later.parts) == ("pass", ())
     assert later.stand_moved_mm < 0.1
 
 
 def test_the_misfit_of_a_stand_that_was_left_counts_the_coordinates_that_place_it(former):
     campaign, found, how = former
-    nominal, posterior = campaign.robot.kinematics, found.posterior
+    nominal, posterior = campaign.robot.kinematics, found.uncertainty.posterior
     left, moved = (
         misfit_of(
             with_former_stand(
