@@ -262,7 +262,8 @@ def test_a_change_between_fitted_and_hold_out_shots_is_named():
     (change,) = changes(result)
     assert (change.numbers["part"], change.numbers["before_shot"]) == ("encoder 1", SHOTS // 2)
     # nor does any show its size: σ of positions is that of a robot whose encoder changed
-    offset, std = result.parameters["arm1.joint_offset_deg"], result.position_std_mm
+    offset = result.value.parameters["arm1.joint_offset_deg"]
+    std = result.uncertainty.position_std_mm
     assert (offset.std or 0.0) > 0.05
     assert std is not None
     assert std.rms > 0.1

@@ -11,7 +11,7 @@ from campaigns.fit.effects import Layer, Ripple
 from campaigns.fit.error_model import Observations
 from campaigns.fit.fit import fit_model, integrate_sizes, refit
 from campaigns.identification.positions import std_of_positions, uncertainty_of_positions
-from campaigns.identification.result import ParameterCovariance
+from campaigns.identification.result import ParameterCovariance, Uncertainty
 from campaigns.robots.robot import find_robot
 
 GROUPS = ("offsets", "lengths", "axes", "sag")
@@ -99,7 +99,7 @@ def parts(fit, workspace):
 
 
 def rows_of(positions):
-    return {share.source: share.mm**2 for share in positions.shares}
+    return {share.source: share.mm**2 for share in positions.budget}
 
 
 def total(positions):
@@ -110,18 +110,18 @@ def judge_sample(fit, workspace):
     """σ of the sample's positions, by their own derivatives; return what was found."""
     found = uncertainty_of_positions(fit, identified(fit), workspace, 1.0)
     std = np.sqrt(parts(fit, workspace)[2])
-    assert found.std.mean == pytest.approx(std.mean(), rel=1e-3)
-    assert found.std.max == pytest.approx(std.max(), rel=1e-3)
-    assert found.std.rms == pytest.approx(np.sqrt((std**2).mean()), rel=1e-3)
-    assert (found.std.left_out, found.std.corrected) == (0, None)
-    assert total(found) == pytest.approx(found.std.rms**2)
+    assert found.position_std_mm.mean == pytest.approx(std.mean(), rel=1e-3)
+    assert found.position_std_mm.max == pytest.approx(std.max(), rel=1e-3)
+    assert found.position_std_mm.rms == pytest.approx(np.sqrt((std**2).mean()), rel=1e-3)
+    assert (found.position_std_mm.left_out, found.position_std_mm.corrected) == (0, None)
+    assert total(found) == pytest.approx(found.position_std_mm.rms**2)
     return found
 
 
 def test_sigma_is_that_of_differences_of_positions_in_the_frame_that_fits_them_best(fit):
     found = judge_sample(fit, sample_of(20))
     assert {"repeating", "model", "layer"}.isdisjoint(rows_of(found))
-    kinds = {share.source: share.kind for share in found.shares}
+    kinds = {share.source: share.kind for share in found.budget}
     assert kinds["stated"] == kinds["offsets"] == kinds["sag"] == "B"
     assert kinds["points"] == kinds["joints"] == "A"
 
@@ -142,10 +142,10 @@ def test_scatter_that_repeats_is_an_error_of_the_point_and_by_the_joints(fit):
         found = uncertainty_of_positions(scattered, identified(fit), workspace, 1.0, 0.3)
         assert rows_of(found)["repeating"] == pytest.approx(expected.mean(), rel=1e-4)
         variance = parts(scattered, workspace)[2] + expected
-        assert found.std.max == pytest.approx(np.sqrt(variance.max()), rel=1e-4)
-        assert total(found) == pytest.approx(found.std.rms**2)
+        assert found.position_std_mm.max == pytest.approx(np.sqrt(variance.max()), rel=1e-4)
+        assert total(found) == pytest.approx(found.position_std_mm.rms**2)
         assert total(found) - total(alone) == pytest.approx(expected.mean(), rel=1e-4)
-    (row,) = [share for share in found.shares if share.source == "repeating"]
+    (row,) = [share for share in found.budget if share.source == "repeating"]
     assert row.kind == "A"
 
 
@@ -154,10 +154,12 @@ def test_errors_that_pairs_show_widen_sigma_by_their_ratio_and_have_a_row(fit):
     alone = uncertainty_of_positions(fit, identified(fit), workspace, 1.0, 0.3)
     wide = uncertainty_of_positions(fit, identified(fit), workspace, 3.0, 0.3)
     for name in ("mean", "max", "rms"):
-        assert getattr(wide.std, name) == pytest.approx(3.0 * getattr(alone.std, name))
-    assert rows_of(wide)["model"] == pytest.approx((9.0 - 1.0) * alone.std.rms**2)
-    assert total(wide) == pytest.approx(wide.std.rms**2)
-    assert wide.shares[-1].kind == "A"
+        assert getattr(wide.position_std_mm, name) == pytest.approx(
+            3.0 * getattr(alone.position_std_mm, name)
+        )
+    assert rows_of(wide)["model"] == pytest.approx((9.0 - 1.0) * alone.position_std_mm.rms**2)
+    assert total(wide) == pytest.approx(wide.position_std_mm.rms**2)
+    assert wide.budget[-1].kind == "A"
 
 
 def with_moved(fit, effect, z):
@@ -182,13 +184,15 @@ def test_what_a_layer_moves_is_an_error_of_parameters_and_none_of_who_follows_it
     followed += (np.square(sizes) * layer.unseen_share(here)).sum(axis=1)
     variance = 4.0 * (followed + (moved**2).sum(axis=(1, 2)))
     found = uncertainty_of_positions(layered, identified(layered), workspace, 2.0)
-    assert found.std.corrected == pytest.approx(2.0 * np.sqrt(followed.mean()), rel=1e-3)
-    assert found.std.rms == pytest.approx(np.sqrt(variance.mean()), rel=1e-3)
-    assert found.std.max == pytest.approx(np.sqrt(variance.max()), rel=1e-3)
-    assert total(found) == pytest.approx(found.std.rms**2)
+    assert found.position_std_mm.corrected == pytest.approx(
+        2.0 * np.sqrt(followed.mean()), rel=1e-3
+    )
+    assert found.position_std_mm.rms == pytest.approx(np.sqrt(variance.mean()), rel=1e-3)
+    assert found.position_std_mm.max == pytest.approx(np.sqrt(variance.max()), rel=1e-3)
+    assert total(found) == pytest.approx(found.position_std_mm.rms**2)
     still = with_moved(fit, layer, 0.0 * z)
     without = uncertainty_of_positions(still, identified(layered), workspace, 2.0)
-    assert without.std.corrected is None
+    assert without.position_std_mm.corrected is None
     difference = rows_of(found)["layer"] - rows_of(without).get("layer", 0.0)
     unseen = (np.square(sizes) * layer.unseen_share(here)).sum(axis=1).mean()
     assert difference == pytest.approx((moved**2).sum() / 20 + unseen, rel=0.02)
@@ -204,7 +208,7 @@ def test_a_ripple_is_an_error_of_parameters_alone_too(fit):
     moved = by_joints(rippled, joints, workspace)[..., 1:2] * wave[:, None, None]
     beyond = (placed(moved, workspace[:, :3]) ** 2).sum(axis=(1, 2))
     found = uncertainty_of_positions(rippled, identified(rippled), workspace, 1.0)
-    gap = found.std.rms**2 - found.std.corrected**2
+    gap = found.position_std_mm.rms**2 - found.position_std_mm.corrected**2
     assert gap == pytest.approx(beyond.mean(), rel=0.02)
     assert rows_of(found)["layer"] == pytest.approx(gap)
 
@@ -252,10 +256,10 @@ def test_nine_of_ten_poses_must_be_within_reach_and_lost_ones_are_counted(fit):
     far[3, :3] += 5000.0
     found = uncertainty_of_positions(fit, identified(fit), far, 1.0)
     others = uncertainty_of_positions(fit, identified(fit), np.delete(workspace, 3, axis=0), 1.0)
-    assert found.std.left_out == 1
-    assert found.std == replace(others.std, left_out=1)
+    assert found.position_std_mm.left_out == 1
+    assert found.position_std_mm == replace(others.position_std_mm, left_out=1)
     far[7, :3] += 5000.0
-    assert uncertainty_of_positions(fit, identified(fit), far, 1.0) is None
+    assert uncertainty_of_positions(fit, identified(fit), far, 1.0) == Uncertainty()
 
 
 def test_what_sizes_may_be_counts_in_sigma_and_budget(fit):
@@ -263,8 +267,8 @@ def test_what_sizes_may_be_counts_in_sigma_and_budget(fit):
     averaged = replace(integrate_sizes(fit), good=fit.good)
     found = uncertainty_of_positions(averaged, identified(averaged), workspace, 1.0)
     variance = parts(averaged, workspace)[2]
-    assert found.std.rms == pytest.approx(np.sqrt(variance.mean()), rel=1e-3)
-    assert total(found) == pytest.approx(found.std.rms**2)
+    assert found.position_std_mm.rms == pytest.approx(np.sqrt(variance.mean()), rel=1e-3)
+    assert total(found) == pytest.approx(found.position_std_mm.rms**2)
 
 
 @pytest.mark.parametrize("turns", [False, True])
