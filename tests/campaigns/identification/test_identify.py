@@ -1,12 +1,14 @@
 """Identification of robots made of rods and gears: corrected, stated truly, and judged."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from rod_campaigns import SMALL, Errors, rod_campaign, with_joints, with_points
 
-from campaigns.api import sample_workspace
+from campaigns import api
+from campaigns.api import find_robot, read_shots, sample_workspace
 from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.identification import findings
@@ -278,6 +280,15 @@ def test_a_change_beside_a_period_that_becomes_the_robots_own_is_found(clean):
     assert result.value.parameters["ripples_per_turn"].value == pytest.approx(50.0, abs=0.3)
     (change,) = changes(result)
     assert change.numbers["part"] == "encoder 1"
+
+
+def test_shots_without_noise_are_identified():
+    """Their information is so large that sizes cannot be averaged for rounding."""
+    robot = find_robot("par4-prototype")
+    vectors = Path(__file__).parents[2] / "data" / "vectors"
+    result = api.identify(read_shots(vectors / "table1-exact.csv", robot), robot)
+    assert obstacles(result) == [findings.NOTHING_UNSEEN]
+    assert result.residuals_mm.after.rms < 0.01
 
 
 def test_parameters_far_beyond_their_tolerance_are_those_of_the_fit():
