@@ -84,7 +84,7 @@ def test_a_dry_run_has_its_scenarios_limits_and_a_controller_that_computes_all(t
     made = prepare_campaign(tmp_path / "try", "paper-prototype", None, "delta")
     cell = load_scenario(str(tmp_path / "try" / "cell.yaml"))
     assert made.config.acceptance.model_dump() == cell.acceptance.model_dump()
-    assert made.config.acceptance.distance_mean_mm == 0.4
+    assert made.config.acceptance.distance_mean_mm == 0.6
     assert cell.controller.computes_plate_tilt
     assert cell.controller.computes_transmission
     assert cell.robot.kind.name == "delta"
