@@ -592,6 +592,8 @@ class Reduced:
         return self.information + np.diag(np.repeat(1.0 / size2, self.counts))
 
 
+# Frame and geometry may lie within rounding of each other: M and m are differences of squares, by a
+# root of the block of the others, scaled to a diagonal of 1.
 def _reduced(fit: Fit, groups: Mapping[str, Index]) -> Reduced:
     """Return the normal equations of the unknowns of these groups, without their own priors."""
     places = np.concatenate(list(groups.values()))
@@ -600,18 +602,20 @@ def _reduced(fit: Fit, groups: Mapping[str, Index]) -> Reduced:
     right = matrix @ deviation - slope
     whole = matrix + fit.precision
     whole[places, places] -= fit.precision[places, places]
-    inverse = np.linalg.inv(whole[np.ix_(others, others)])
-    link, offset = inverse @ whole[np.ix_(others, places)], inverse @ right[others]
-    across = whole[np.ix_(places, others)]
+    block = whole[np.ix_(others, others)]
+    scale = 1.0 / np.sqrt(np.diag(block))
+    root = np.linalg.cholesky(scale[:, None] * block * scale)
+    lower = scipy.linalg.solve_triangular(root, np.diag(scale), lower=True)  # block⁻¹ = L'L
+    across, aside = lower @ whole[np.ix_(others, places)], lower @ right[others]
     return Reduced(
         places,
         others,
         np.array([len(of_group) for of_group in groups.values()]),
-        whole[np.ix_(places, places)] - across @ link,
-        right[places] - across @ offset,
-        inverse,
-        link,
-        offset,
+        whole[np.ix_(places, places)] - across.T @ across,
+        right[places] - across.T @ aside,
+        lower.T @ lower,
+        lower.T @ across,
+        lower.T @ aside,
     )
 
 
@@ -730,11 +734,6 @@ def integrate_sizes(fit: Fit) -> Fit:
     if not drawn:
         return fit
     reduced = _reduced(fit, drawn)
-    # Of shots practically without noise this difference is rounded to less than the precision of
-    # any drawn size can make up for. They show the unknowns whatever the sizes: the likeliest do.
-    information = 0.5 * (reduced.information + reduced.information.T)
-    if np.linalg.eigvalsh(information)[0] < -0.1 / LARGEST_SIZE**2:
-        return fit
     places, others, link = reduced.places, reduced.others, reduced.link
     mean, covariance = _draw_sizes(reduced, np.array([fit.sizes[group] ** 2 for group in drawn]))
     total = np.zeros_like(fit.inverse)

@@ -288,7 +288,7 @@ def test_shots_without_noise_are_identified():
     vectors = Path(__file__).parents[2] / "data" / "vectors"
     result = api.identify(read_shots(vectors / "table1-exact.csv", robot), robot)
     assert obstacles(result) == [findings.NOTHING_UNSEEN]
-    assert result.residuals_mm.after.rms < 0.01
+    assert result.residuals.residuals_mm.after.rms < 0.01
 
 
 def test_parameters_far_beyond_their_tolerance_are_those_of_the_fit():
