@@ -6,9 +6,11 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from campaigns.arrays import Array, Mask
+from campaigns.arrays import Mask
 
+AxisKind = Literal["revolute", "prismatic"]
 Interval = tuple[float, float]
 
 MM_PER_RAD = 300.0
@@ -20,7 +22,9 @@ class Axis:
     """Joint or task coordinate by name."""
 
     name: str
-    kind: Literal["revolute", "prismatic"]
+    kind: AxisKind
+    is_fixed: bool = False
+    """Whether a robot in a plane never moves along it: its value is 0, and no file holds it."""
 
     @cached_property
     def is_revolute(self) -> bool:
@@ -61,9 +65,15 @@ class Axis:
 
 
 POSITION = (Axis("x", "prismatic"), Axis("y", "prismatic"), Axis("z", "prismatic"))
+PLANE = POSITION[:2]
+"""Axes of a robot that moves in the plane of its base's x and y."""
+FIXED_Z = Axis("z", "prismatic", is_fixed=True)
 TURN = Axis("theta", "revolute")
+TURNS = (Axis("rx", "revolute"), Axis("ry", "revolute"), Axis("rz", "revolute"))
+"""Rotation vector of a platform with three turns, in the base frame."""
 
 
-def outside(values: Array, interval: Interval) -> Mask:
-    """Return which values leave an interval; NaN leaves none."""
+def outside(values: ArrayLike, interval: tuple[ArrayLike, ArrayLike]) -> Mask:
+    """Return which values leave an interval, or each its own; NaN leaves none."""
+    values = np.asarray(values)
     return np.asarray((values < interval[0]) | (values > interval[1]))

@@ -11,7 +11,10 @@ from collections.abc import Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
 
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.five_bar import FiveBar
+from campaigns.kinematics.hexapod import Hexaglide, Hexapod
 from campaigns.kinematics.limbs import Carriage, Crank
 from campaigns.kinematics.platforms import HingedPlate, Platform, SlidingBars
 
@@ -34,15 +37,27 @@ DELTA = ClosedChain("delta", Crank(), Platform(), FIRST_PLACE)
 LINEAR_DELTA = ClosedChain("linear-delta", Carriage(), Platform(), (*UPRIGHT, "arm1.x_mm"))
 """Three carriages and a platform that only translates."""
 
-MECHANISMS: Mapping[str, ClosedChain] = {
+HEXAPOD = Hexapod("hexapod")
+"""Six legs of variable length and a platform with six degrees of freedom."""
+HEXAGLIDE = Hexaglide("hexaglide")
+"""Six legs of fixed length on carriages, and a hexapod's platform."""
+FIVE_BAR = FiveBar("five-bar")
+"""Two cranks in a plane, whose forearms meet in a point."""
+
+FAMILY: Mapping[str, ClosedChain] = {
     chain.name: chain for chain in (PAR4, H4, I4R, I4L, DELTA, LINEAR_DELTA)
+}
+"""Mechanisms of parallelograms under a plate."""
+MECHANISMS: Mapping[str, Mechanism] = {
+    **FAMILY,
+    **{mechanism.name: mechanism for mechanism in (HEXAPOD, HEXAGLIDE, FIVE_BAR)},
 }
 ENTRY_POINTS = "pkmcal.mechanisms"
 """Group of entry points by which other packages offer mechanisms."""
 PYTHON = ".py"
 
 
-def find_mechanism(word: object, folder: Path = Path()) -> ClosedChain | None:
+def find_mechanism(word: object, folder: Path = Path()) -> Mechanism | None:
     """Return a mechanism by its word: shipped, a file's (`my.py:OWN`), or another package's.
 
     Paths of files are relative to the folder. Return None for an unknown word; raise `ImportError`,
@@ -55,13 +70,13 @@ def find_mechanism(word: object, folder: Path = Path()) -> ClosedChain | None:
         return _load_mechanism(folder / file, name)
     for offer in entry_points(group=ENTRY_POINTS, name=word):
         chain = offer.load()
-        if not isinstance(chain, ClosedChain) or chain.name != word:
-            raise TypeError(f"{offer.value} is {chain!r}, must be a ClosedChain named '{word}'")
+        if not isinstance(chain, Mechanism) or chain.name != word:
+            raise TypeError(f"{offer.value} is {chain!r}, must be a Mechanism named '{word}'")
         return chain
     return None
 
 
-def _load_mechanism(file: Path, name: str) -> ClosedChain:
+def _load_mechanism(file: Path, name: str) -> Mechanism:
     """Execute a file of Python and return the mechanism that it assigns to a name."""
     spec = importlib.util.spec_from_file_location(file.stem, file)
     assert spec is not None, "the file's name ends in .py"
@@ -72,6 +87,6 @@ def _load_mechanism(file: Path, name: str) -> ClosedChain:
     except Exception as error:  # other people's code may raise anything
         raise ImportError(f"{file}: {error}") from error
     chain = getattr(module, name)
-    if not isinstance(chain, ClosedChain):
-        raise TypeError(f"{name} in {file} is {chain!r}, must be a ClosedChain")
+    if not isinstance(chain, Mechanism):
+        raise TypeError(f"{name} in {file} is {chain!r}, must be a Mechanism")
     return chain

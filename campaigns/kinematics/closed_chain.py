@@ -14,19 +14,20 @@ equally stiff, which minimises the sum of squares. `closures` states these equat
 follow the forward model (`assemble`), the inverse model (`inverse`) and derivatives (`jacobian`).
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
 import numpy as np
+from typing_extensions import override
 
-from campaigns.arrays import Array, Index, Mask
+from campaigns.arrays import Array, Mask
 from campaigns.kinematics import transmission
+from campaigns.kinematics.any_mechanism import Assembly, Margins, Mechanism
 from campaigns.kinematics.axes import MM_PER_RAD, Axis
 from campaigns.kinematics.limbs import STEP, Fields, Limb, dot, vectors
 from campaigns.kinematics.parameters import ParameterTable, Role
-from campaigns.kinematics.platforms import REFLECTOR, SAG, PlateGeometry, Platform, sag_basis
+from campaigns.kinematics.platforms import REFLECTOR, SAG, Place, PlateGeometry, Platform, sag_basis
 
 HALF_WIDTH_MM = 45.0
 """Half width of the parallelograms, which weights differences of rods. The value of a drawing is
@@ -86,21 +87,8 @@ class Geometry:
         return self.arms["compliance"]
 
 
-@dataclass(frozen=True, eq=False)
-class Assembly:
-    """Poses that joints assemble to."""
-
-    unknowns: Array
-    """Plate's pose without its sag, and its tilt if parts are imperfect, (N, t) or (N, t + 3); NaN
-    where no assembly is found."""
-    poses: Array
-    """Poses of the measured point with the plate's sag, (N, t)."""
-    is_solved: Mask
-    """Rows with an assembly, (N,)."""
-
-
 @dataclass(frozen=True)
-class ClosedChain:
+class ClosedChain(Mechanism):
     """Mechanism of a kind of limb and a platform. It has no state: a robot is a vector p (P,)."""
 
     name: str
@@ -117,11 +105,10 @@ class ClosedChain:
     controlled: Platform | None = None
     """Platform seen from the controlled point; None: `platform` is, for the reflector is there."""
 
+    has_forearms = True
+
     def __post_init__(self) -> None:
-        rates = self.rates or (0.0,) * self.platform.arms
-        if len(rates) != self.platform.arms:
-            raise ValueError(f"{len(rates)} ripple rates for {self.platform.arms} joints")
-        object.__setattr__(self, "rates", rates)
+        object.__setattr__(self, "rates", self._checked_rates())
 
     @property
     def joints(self) -> tuple[Axis, ...]:
@@ -137,45 +124,20 @@ class ClosedChain:
     def parameters(self) -> ParameterTable:
         """Table of the parameters."""
         platform, limb = self.platform, self.limb
-        return ParameterTable.of(platform.arms, limb.fields, platform.fields, limb.rate)
-
-    @cached_property
-    def free_by_paper(self) -> tuple[str, ...]:
-        """Names of the geometry that the paper's method and plain parameter sets fit."""
-        table, held = self.parameters, set(self.held_by_paper)
-        return tuple(name for name in table.names if not {name, table[name].field.name} & held)
-
-    @property
-    def rate(self) -> float:
-        """Rate that all joints have in common; 0 if it is unknown or the rates differ."""
-        return self.rates[0] if len({*self.rates}) == 1 else 0.0
-
-    def has_ripple(self, arm: int | None) -> bool:
-        """Return whether a joint's ripple has a rate; for None, whether any joint's has."""
-        return any(self.rates) if arm is None else self.rates[arm] != 0.0
-
-    @cached_property
-    def phase_rate(self) -> Array:
-        """Change N of each ripple's phase with its reading, (n,): rad over rad, or over mm."""
-        rates = np.array(self.rates)
-        if self.parameters.rate.unit == "mm":
-            rates[rates != 0.0] = 2.0 * np.pi / rates[rates != 0.0]
-        # files give cranks the periods in a turn, which is N itself
-        return rates
+        return ParameterTable.of((limb.fields,) * platform.arms, platform.fields, limb.rate)
 
     def with_plate(self, plate: PlateGeometry) -> Self:
         """Return this mechanism with other places on the plate."""
         return replace(self, plate=plate)
 
-    def with_ripples(self, rates: float | Sequence[float]) -> Self:
-        """Return this mechanism with ripples that repeat at these rates.
-
-        `rates` are in the unit of `parameters.rate`: one for all joints or one for each, 0 for a
-        joint without a ripple. Raise `ValueError` for another number of rates.
-        """
-        if isinstance(rates, Sequence):
-            return replace(self, rates=tuple(map(float, rates)))
-        return replace(self, rates=(float(rates),) * self.platform.arms)
+    @override
+    def placed(
+        self, p: Array, plate_joints_mm: tuple[Place, ...] | None, reflector_mm: Place | None
+    ) -> Self:
+        typical = self.geometry(p).plate
+        joints_mm = plate_joints_mm or typical.joints_mm
+        reflector_mm = reflector_mm or typical.reflector_mm
+        return self.with_plate(replace(typical, joints_mm=joints_mm, reflector_mm=reflector_mm))
 
     def seen_from(self, part: int | None) -> Self:
         """Return this mechanism with the measured point on part 1 or 2; None: as controlled.
@@ -193,6 +155,41 @@ class ClosedChain:
         plate = self.plate and replace(self.plate, reflector_mm=None)
         return replace(self, platform=controlled, controlled=None, plate=plate)
 
+    @property
+    @override
+    def out_of_reach(self) -> str:
+        return f"out of reach: a forearm cannot span from {self.limb.words[0]} to the plate"
+
+    @property
+    @override
+    def words_of_swing(self) -> tuple[str, str]:
+        return self.limb.words[1:]
+
+    @property
+    @override
+    def halves(self) -> tuple[int | None, ...]:
+        controlled = self.controlled or self.platform
+        if not controlled.has_two_parts:
+            return ()
+        # A Par4's controlled point is on half 1, so that only the halves differ; an H4's is in the
+        # middle of the crossbar, a third place (None).
+        parts = (1, 2) if controlled.arms_at_point else (None, 1, 2)
+        return tuple(part for part in parts if self.seen_from(part).platform != self.platform)
+
+    @property
+    @override
+    def is_between_halves(self) -> bool:
+        return not self.platform.arms_at_point
+
+    @property
+    @override
+    def is_elsewhere(self) -> bool:
+        return self.controlled is not None
+
+    @override
+    def fields_of(self, p: Array) -> Fields:
+        return self.geometry(p).arms
+
     def geometry(self, p: Array) -> Geometry:
         """Sort a vector (P,) by fields; parameters beyond its end are 0."""
         whole = self.parameters.whole(p)
@@ -200,14 +197,6 @@ class ClosedChain:
         length = named.get(self._length_stem, np.zeros((1, 1)))
         sag = np.concatenate([named[field.stem][0] for field in SAG])
         return Geometry(named, length, sag, self.plate or self._typical_plate(named))
-
-    @cached_property
-    def _columns(self) -> Mapping[str, Index]:
-        """Places in a vector (P,) by stem, without those of growth, which no robot file has."""
-        size = len(self.parameters.of_robot)
-        return {
-            stem: places for stem, places in self.parameters.columns.items() if places[0] < size
-        }
 
     @cached_property
     def _length_stem(self) -> str:
@@ -616,29 +605,45 @@ class ClosedChain:
         by_pose /= np.linalg.norm(by_pose, axis=-1, keepdims=True)
         return np.asarray(np.linalg.svd(by_pose, compute_uv=False)[:, -1])
 
+    # Margins are those of a level plate at the joints' true angles: tilts of milliradians change
+    # none of them noticeably.
+    @override
+    def margins(self, p: Array, joints: Array, poses: Array) -> Margins:
+        geometry = self.geometry(p)
+        true = self.true_joints(geometry, joints)
+        upper_ends = self.limb.upper_ends(geometry.arms, true)
+        forearms = self.lower_ends(geometry, poses) - upper_ends
+        has_joints = np.isfinite(joints).all(axis=1)  # singular values of NaN would raise
+        singular_value = np.full(len(poses), np.nan)
+        singular_value[has_joints] = self.singular_values(
+            geometry, upper_ends[:, has_joints], poses[has_joints]
+        )
+        return Margins(
+            singular_value,
+            self.limb.swing_rad(geometry.arms, forearms),
+            self.limb.leverage(geometry.arms, true, forearms).min(axis=1),
+            np.asarray(poses[:, 2] >= upper_ends[2].mean(axis=-1)),
+        )
+
+    @override
+    def reach_mm(self, p: Array, joint: tuple[float, float], swing_rad: float) -> Array:
+        return self.limb.reach_mm(self.geometry(p).arms, joint, swing_rad)
+
+    # the controlled point of sliding bars is farther out by pinion times turn
+    @override
+    def reach_of_turns_mm(self, p: Array) -> float:
+        return float(self.geometry(p).length[0, 0]) if self.platform.bars_along_x else 0.0
+
+    @override
+    def radius_mm(self, p: Array, turns: Array) -> float:
+        lower_ends = self.platform.offsets(self.geometry(p).length, turns)
+        return float(np.linalg.norm(lower_ends, axis=0).max())
+
     def true_joints(
         self, geometry: Geometry, joints: Array, approach: Array | None = None
     ) -> Array:
         """Return where joints are, less their offsets, at encoder readings (N, n)."""
         return transmission.true_joints(geometry.arms, joints, approach, self.phase_rate)
-
-    # The sum of the terms' largest derivatives: |k|, |a|, |b|, N |c|, N |d|, and 0 of backlash.
-    def steepest_error(self, p: Array) -> float:
-        """Return a bound of the change of any joint's error over its motion."""
-        fields = self.geometry(p).arms
-        by_phase = {"backlash": np.zeros(1), "ripple_sin": self.phase_rate}
-        by_phase["ripple_cos"] = self.phase_rate
-        bounds = [
-            np.abs(by_phase.get(stem, np.ones(1)) * fields[stem])
-            for stem in transmission.STEMS
-            if stem in fields
-        ]
-        return float(np.sum(bounds, axis=0).max())
-
-    def joint_slopes(self, p: Array, joints: Array) -> Array:
-        """Return the change of true joints over that of encoder readings (N, n), (N, n)."""
-        stepped = self.true_joints(self.geometry(p), np.asarray(joints + 1j * STEP))
-        return np.asarray(stepped.imag / STEP)
 
 
 def _sum_closures(forearms: Array, forearm_mm: Array) -> Array:

@@ -4,14 +4,14 @@ from dataclasses import dataclass, replace
 from enum import IntFlag
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from campaigns.arrays import Array, Mask
+from campaigns.kinematics.any_mechanism import Margins, Mechanism
 from campaigns.kinematics.axes import Interval, outside
-from campaigns.kinematics.closed_chain import ClosedChain
 
 SINGULARITY_MARGIN = 0.2
-"""Least singular value that `ClosedChain.singular_values` may have, if a robot file gives none."""
+"""Least singular value that `Margins.singular_value` may have, if a robot file gives none."""
 ELBOW_MARGIN = 0.05
 """Smallest share of a forearm along which its joint moves it: below, the arm is stretched."""
 LEAST_TURN_RAD = np.pi / 4
@@ -22,8 +22,8 @@ LEAST_TURN_RAD = np.pi / 4
 class Limits:
     """Motion limits of a robot, and its least distances from singular poses."""
 
-    joint: Interval
-    """Limits of every joint, rad or mm."""
+    joint: Interval | tuple[tuple[float, ...], tuple[float, ...]]
+    """Lowest and highest value of every joint, rad or mm; of unlike joints one for each, (n,)."""
     task: tuple[Interval | None, ...]
     """Limits of each task coordinate; None: only the workspace limits it."""
     forearm_swing_rad: float
@@ -31,17 +31,41 @@ class Limits:
     singularity_margin: float = SINGULARITY_MARGIN
     elbow_margin: float = ELBOW_MARGIN
 
+    def of_joints(self, count: int) -> list[Interval]:
+        """Return the lowest and highest value of each of so many joints."""
+        low, high = (np.broadcast_to(end, count).tolist() for end in self.joint)
+        return list(zip(low, high, strict=True))
+
+    @property
+    def joint_range(self) -> Interval:
+        """Lowest and highest value that any joint may have."""
+        return float(np.min(self.joint[0])), float(np.max(self.joint[1]))
+
     def narrowed_by(
-        self, *, joint: float = 0.0, task: float = 0.0, swing_rad: float = 0.0
+        self, *, joint: ArrayLike = 0.0, task: ArrayLike = 0.0, swing_rad: float = 0.0
     ) -> "Limits":
-        """Return limits narrower by these amounts at each end; negative amounts widen them."""
-        low, high = self.joint
+        """Return limits narrower by these amounts at each end; negative amounts widen them.
+
+        `joint` is one amount for all joints or one for each, (n,), `task` one for each axis, (t,).
+        """
+        low, high = np.asarray(self.joint[0]), np.asarray(self.joint[1])
+        ends = [end.tolist() for end in (low + joint, high - np.asarray(joint))]
+        amounts = np.broadcast_to(task, len(self.task)).tolist()
         return replace(
             self,
-            joint=(low + joint, high - joint),
-            task=tuple(ends and (ends[0] + task, ends[1] - task) for ends in self.task),
+            joint=tuple(end if isinstance(end, float) else tuple(end) for end in ends),
+            task=tuple(
+                interval and _narrowed(interval, by)
+                for interval, by in zip(self.task, amounts, strict=True)
+            ),
             forearm_swing_rad=self.forearm_swing_rad - swing_rad,
         )
+
+
+def _narrowed(interval: Interval, by: float) -> Interval:
+    """Return an interval narrower by an amount at each end; that of a fixed axis stays."""
+    low, high = interval
+    return interval if low == high else (low + by, high - by)
 
 
 class Violation(IntFlag):
@@ -61,18 +85,13 @@ class Violation(IntFlag):
 class Feasibility:
     """Margins of poses, and the limits that poses violate. Rows out of reach hold NaN margins."""
 
-    chain: ClosedChain
+    chain: Mechanism
     limits: Limits
     poses: Array
     """(N, t)"""
     joints: Array
     """(N, n)"""
-    swing_rad: Array
-    """Angle of each forearm out of its arm's plane, or away from its rail, (N, n)."""
-    singular_value: Array
-    """Smallest singular value of the closures' Jacobian, as for `SINGULARITY_MARGIN`, (N,)."""
-    elbow: Array
-    """Smallest share of a forearm along which its joint moves it, (N,)."""
+    margins: Margins
     violations: NDArray[np.uint8]
     """`Violation` flags, (N,); zero if the pose can be taken."""
 
@@ -89,15 +108,20 @@ class Feasibility:
         limits = limits or self.limits
         # a pose out of reach has no joints and margins to judge, so this reason stands alone
         violated = Violation(int(self.violations[row]))
-        joint_place, swing_from, end = self.chain.limb.words
+        swing_from, end = self.chain.words_of_swing
         if Violation.OUT_OF_REACH in violated:
-            return [f"out of reach: a forearm cannot span from {joint_place} to the plate"]
+            return [self.chain.out_of_reach]
         words = [
-            f"joint {number} at {axis.text(value, '.3f')} outside {axis.span(limits.joint)}"
-            for number, (axis, value) in enumerate(
-                zip(self.chain.joints, self.joints[row], strict=True)
+            f"joint {number} at {axis.text(value, '.3f')} outside {axis.span(interval)}"
+            for number, (axis, value, interval) in enumerate(
+                zip(
+                    self.chain.joints,
+                    self.joints[row],
+                    limits.of_joints(len(self.chain.joints)),
+                    strict=True,
+                )
             )
-            if outside(value, limits.joint)
+            if outside(value, interval)
         ]
         if Violation.TASK_LIMIT in violated:
             columns = zip(self.chain.task, self.poses[row], limits.task, strict=True)
@@ -109,7 +133,7 @@ class Feasibility:
         words += [
             f"forearm {number} swings {np.degrees(swing):.2f}° {swing_from}, limit "
             f"{np.degrees(limits.forearm_swing_rad):g}°"
-            for number, swing in enumerate(self.swing_rad[row])
+            for number, swing in enumerate(self.margins.swing_rad[row])
             if abs(swing) > limits.forearm_swing_rad
         ]
         if Violation.ABOVE_ELBOWS in violated:
@@ -117,15 +141,18 @@ class Feasibility:
         elif Violation.OTHER_ASSEMBLY in violated:
             words.append("another assembly: from home these joints lead to another pose")
         if Violation.SINGULAR in violated:
-            words.append(
-                f"too near a singularity: margin {self.singular_value[row]:.3f} "
-                f"(limit {limits.singularity_margin:g}), "
-                f"{end} {self.elbow[row]:.3f} (limit {limits.elbow_margin:g})"
+            margins = self.margins
+            near = (
+                f"too near a singularity: margin {margins.singular_value[row]:.3f} "
+                f"(limit {limits.singularity_margin:g})"
             )
+            if self.chain.has_forearms:
+                near += f", {end} {margins.elbow[row]:.3f} (limit {limits.elbow_margin:g})"
+            words.append(near)
         return words
 
 
-def feasibility(chain: ClosedChain, p: Array, limits: Limits, poses: Array) -> Feasibility:
+def feasibility(chain: Mechanism, p: Array, limits: Limits, poses: Array) -> Feasibility:
     """Judge poses (N, t) by reach, assembly mode, limits, swing and distance from singularities."""
     joints, is_solved = chain.inverse(p, poses)
     margins = path_feasibility(chain, p, limits, joints, poses)
@@ -143,65 +170,48 @@ def feasibility(chain: ClosedChain, p: Array, limits: Limits, poses: Array) -> F
     return replace(margins, violations=violations.astype(np.uint8))
 
 
-# Margins are those of a level plate at the joints' true angles: tilts of milliradians change
-# none of them noticeably. Rows out of reach are NaN, which violates none of these limits.
+# Rows out of reach are NaN, which violates none of these limits.
 def path_feasibility(
-    chain: ClosedChain, p: Array, limits: Limits, joints: Array, poses: Array
+    chain: Mechanism, p: Array, limits: Limits, joints: Array, poses: Array
 ) -> Feasibility:
     """Judge poses (N, t) passed at known joints (N, n), whose limits do not count."""
-    geometry = chain.geometry(p)
-    true = chain.true_joints(geometry, joints)
-    upper_ends = chain.limb.upper_ends(geometry.arms, true)
-    forearms = chain.lower_ends(geometry, poses) - upper_ends
-    swing_rad = chain.limb.swing_rad(geometry.arms, forearms)
-    elbow = chain.limb.leverage(geometry.arms, true, forearms).min(axis=1)
-    has_joints = np.isfinite(joints).all(axis=1)  # singular values of NaN would raise
-    singular_value = np.full(len(poses), np.nan)
-    singular_value[has_joints] = chain.singular_values(
-        geometry, upper_ends[:, has_joints], poses[has_joints]
-    )
+    margins = chain.margins(p, joints, poses)
     is_beyond = np.zeros(len(poses), dtype=bool)
     for column, interval in zip(poses.T, limits.task, strict=True):
         if interval is not None:
             is_beyond |= outside(column, interval)
-    is_singular = (singular_value < limits.singularity_margin) | (elbow < limits.elbow_margin)
-    is_above = poses[:, 2] >= upper_ends[2].mean(axis=-1)
-    swings_too_far = (np.abs(swing_rad) > limits.forearm_swing_rad).any(axis=1)
+    is_singular = margins.singular_value < limits.singularity_margin
+    is_singular |= margins.elbow < limits.elbow_margin
+    swings_too_far = (np.abs(margins.swing_rad) > limits.forearm_swing_rad).any(axis=1)
     violations = (
         is_beyond * int(Violation.TASK_LIMIT)
-        | is_above * int(Violation.ABOVE_ELBOWS)
+        | margins.is_above * int(Violation.ABOVE_ELBOWS)
         | swings_too_far * int(Violation.SWING_LIMIT)
         | is_singular * int(Violation.SINGULAR)
     )
-    return Feasibility(
-        chain, limits, poses, joints, swing_rad, singular_value, elbow, violations.astype(np.uint8)
-    )
+    return Feasibility(chain, limits, poses, joints, margins, violations.astype(np.uint8))
 
 
 # Poses are drawn from this box and rejected outside of the reach, so it may be too large but not
-# too small. The reach of the forearms holds the lower ends; the controlled point of sliding bars is
-# farther out by pinion times turn.
-def search_extent(chain: ClosedChain, p: Array, limits: Limits, centre: Array) -> Array:
+# too small.
+def search_extent(chain: Mechanism, p: Array, limits: Limits, centre: Array) -> Array:
     """Return the half size (t,) of a box about a pose that holds all that the robot reaches."""
-    geometry = chain.geometry(p)
     half = np.full(len(chain.task), LEAST_TURN_RAD)
     for place, interval in enumerate(limits.task[3:], 3):
         if interval is not None:
             half[place] = max(0.5 * (interval[1] - interval[0]), LEAST_TURN_RAD)
-    low, high = chain.limb.reach_mm(geometry.arms, limits.joint, limits.forearm_swing_rad)
-    pinion_mm = float(geometry.length[0, 0]) if chain.platform.bars_along_x else 0.0
+    low, high = chain.reach_mm(p, limits.joint_range, limits.forearm_swing_rad)
     reach = np.maximum(np.maximum(high - centre[:3], centre[:3] - low), 0.0)
-    half[:3] = reach + pinion_mm * half[3:].sum()
+    half[:3] = reach + chain.reach_of_turns_mm(p) * half[3:].sum()
     for place, interval in enumerate(limits.task[:3]):
         if interval is not None:
             half[place] = 0.5 * (interval[1] - interval[0])
     return half
 
 
-def platform_radius_mm(chain: ClosedChain, p: Array, limits: Limits) -> float:
+def platform_radius_mm(chain: Mechanism, p: Array, limits: Limits) -> float:
     """Return the distance of the farthest lower end from the measured point at any turn."""
     turns = np.zeros((33, 1))
-    if len(chain.task) > 3 and limits.task[3] is not None:
-        turns[:, 0] = np.linspace(*limits.task[3], len(turns))
-    lower_ends = chain.platform.offsets(chain.geometry(p).length, turns)
-    return float(np.linalg.norm(lower_ends, axis=0).max())
+    if len(chain.task) > 3 and (interval := limits.task[3]) is not None:
+        turns[:, 0] = np.linspace(*interval, len(turns))
+    return chain.radius_mm(p, turns)

@@ -26,22 +26,22 @@ Fields = Mapping[str, Array]
 STEP = 1e-200
 """Imaginary step h of derivatives, f'(x) = Im f(x + ih) / h. There is no difference to cancel, so h
 is so small that its square vanishes beside any number."""
+LESS_PLATE_JOINT = "in the base frame, less the plate joint's place"
 LEVEL_RISE = 0.26
 """Sine of the elevation up to which a rail counts as level: 15°."""
 
 
-def _place_fields(of: str) -> tuple[ParameterField, ...]:
-    """Make the fields of a limb's place."""
-    words = f"of {of} in the base frame, less the plate joint's place, mm"
-    return tuple(ParameterField(f"{c}_mm", f"{c} {words}", "place", "places") for c in "xyz")
+def place_fields(of: str) -> tuple[ParameterField, ...]:
+    """Make the fields of a place: `x_mm`, `y_mm` and `z_mm`, in the group `places`."""
+    return tuple(ParameterField(f"{c}_mm", f"{c} of {of}, mm", "place", "places") for c in "xyz")
 
 
-def _extension_field(name: str, description: str, group: str) -> ParameterField:
+def extension_field(name: str, description: str, group: str) -> ParameterField:
     """Make a field of an imperfect part, a small angle in deg."""
     return ParameterField(name, f"{description}, deg", "small angle", group, Role.EXTENSION)
 
 
-def _transmission_fields(unit: Literal["deg", "mm"], part: str) -> tuple[ParameterField, ...]:
+def transmission_fields(unit: Literal["deg", "mm"], part: str) -> tuple[ParameterField, ...]:
     """Make the fields of the encoder and of the gear (deg) or the drive (mm)."""
     quantity: Literal["small angle", "place"] = "small angle" if unit == "deg" else "place"
     eccentricity = (
@@ -67,12 +67,12 @@ def _transmission_fields(unit: Literal["deg", "mm"], part: str) -> tuple[Paramet
 
 FOREARM = ParameterField("forearm_mm", "the forearm's length, mm", "length", "lengths")
 OF_ANY_LIMB = (
-    _extension_field(
+    extension_field(
         "parallelogram_skew_deg",
         "the difference of the forearm's two rods over their distance",
         "rods",
     ),
-    _extension_field("bar_turn_deg", "the plate's bar turned about z out of its direction", "bars"),
+    extension_field("bar_turn_deg", "the plate's bar turned about z out of its direction", "bars"),
     *(
         ParameterField(
             f"plate_joint_{c}_mm", f"the bar's {c} on the plate beyond `plate_joints_mm`, mm",
@@ -142,7 +142,7 @@ class Crank(Limb):
     """
 
     fields = (
-        *_place_fields("the motor's centre"),
+        *place_fields(f"the motor's centre {LESS_PLATE_JOINT}"),
         ParameterField(
             "azimuth_deg", "the arm's direction about z at joint angle 0, deg", "angle", "azimuths"
         ),
@@ -152,9 +152,9 @@ class Crank(Limb):
         ),
         ParameterField("arm_mm", "the arm's length, mm", "length", "lengths"),
         FOREARM,
-        _extension_field("axis_tilt_deg", "the motor's axis out of the horizontal", "axes"),
+        extension_field("axis_tilt_deg", "the motor's axis out of the horizontal", "axes"),
         *OF_ANY_LIMB,
-        *_transmission_fields("deg", "gear"),
+        *transmission_fields("deg", "gear"),
     )  # fmt: skip
     joint = "revolute"
     rate = RIPPLES_PER_TURN
@@ -220,7 +220,7 @@ class Carriage(Limb):
     """
 
     fields = (
-        *_place_fields("the rail's zero"),
+        *place_fields(f"the rail's zero {LESS_PLATE_JOINT}"),
         ParameterField("azimuth_deg", "the rail's direction about z, deg", "angle", "azimuths"),
         ParameterField(
             "elevation_deg",
@@ -232,12 +232,12 @@ class Carriage(Limb):
             "joint_offset_mm", "the carriage's place minus the reading, mm", "place", "offsets"
         ),
         FOREARM,
-        _extension_field(
+        extension_field(
             "rail_tilt_deg", "the rail out of the vertical plane of its azimuth", "rails"
         ),
-        _extension_field("axis_tilt_deg", "the carriage's bar out of the horizontal", "axes"),
+        extension_field("axis_tilt_deg", "the carriage's bar out of the horizontal", "axes"),
         *OF_ANY_LIMB,
-        *_transmission_fields("mm", "drive"),
+        *transmission_fields("mm", "drive"),
     )
     joint = "prismatic"
     rate = DRIVE_PERIOD

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from campaigns.arrays import Array, Mask, batch
-from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.feasibility import Feasibility, Limits, feasibility
 from campaigns.kinematics.parameters import Parameters, stated_rates
 
@@ -61,12 +61,12 @@ class Kinematics:
         -700.0
     """
 
-    mechanism: ClosedChain
+    mechanism: Mechanism
     p: Array
     """Parameters (P,), or the geometry alone, (G,); mm, rad and ratios."""
 
     @classmethod
-    def of(cls, mechanism: ClosedChain, values: Mapping[str, float]) -> Self:
+    def of(cls, mechanism: Mechanism, values: Mapping[str, float]) -> Self:
         """Make a model from values by name in mm and deg; raise `KeyError` for a missing value."""
         rates = stated_rates(mechanism.parameters, values, mechanism.rates)
         parameters = Parameters.of(mechanism.parameters, values)
@@ -143,7 +143,7 @@ class Kinematics:
 
     def comparable(self, joints: Array) -> Array:
         """Return joints (…, n) in units that compare with a radian of a crank."""
-        return np.asarray(joints / np.array([axis.scale for axis in self.mechanism.joints]))
+        return np.asarray(joints / self.mechanism.joint_scales)
 
     def _poses(self, poses: ArrayLike) -> Array:
         return batch(poses, [axis.name for axis in self.mechanism.task], "poses")

@@ -147,20 +147,20 @@ class ParameterTable:
     @classmethod
     def of(
         cls,
-        arms: int,
-        arm_fields: Sequence[ParameterField],
+        arms: Sequence[Sequence[ParameterField]],
         platform_fields: Sequence[ParameterField],
         rate: Parameter,
     ) -> Self:
-        """Make the table of a mechanism of equal arms."""
+        """Make the table of a mechanism with the fields of each arm, and of its platform."""
         # A vector of the geometry alone is the beginning of the whole one.
-        numbers = range(arms)
-        of_arms = [field for field in arm_fields if field.role is Role.GEOMETRY]
-        rows = [Parameter(arm, field) for arm in numbers for field in of_arms]
+        rows: list[Parameter] = []
         for role in Role:
-            if role is not Role.GEOMETRY:
-                of_role = [field for field in arm_fields if field.role is role]
-                rows += [Parameter(arm, field) for field in of_role for arm in numbers]
+            of_role = [[f for f in arm_fields if f.role is role] for arm_fields in arms]
+            of_arms = [Parameter(arm, field) for arm, own in enumerate(of_role) for field in own]
+            if role is not Role.GEOMETRY:  # each field of all arms together
+                order = list(dict.fromkeys(field.stem for own in of_role for field in own))
+                of_arms.sort(key=lambda parameter: order.index(parameter.field.stem))
+            rows += of_arms
             rows += [Parameter(None, field) for field in platform_fields if field.role is role]
         return cls((*rows, *(Parameter(None, field) for field in EXPANSIONS)), rate)
 
@@ -189,9 +189,9 @@ class ParameterTable:
             and group in (None, parameter.field.group)
         )
 
-    def arm_fields(self, *roles: Role) -> tuple[ParameterField, ...]:
+    def arm_fields(self, *roles: Role, arm: int = 0) -> tuple[ParameterField, ...]:
         """Return the fields of an arm in these roles; without roles those that every file has."""
-        return self._fields(0, roles)
+        return self._fields(arm, roles)
 
     def platform_fields(self, *roles: Role) -> tuple[ParameterField, ...]:
         """Return the platform's fields in these roles; without roles those that every file has."""

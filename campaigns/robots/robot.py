@@ -31,7 +31,7 @@ from campaigns.files.text_file import read_text, write_new_text
 from campaigns.files.wording import suggestion
 from campaigns.kinematics.axes import Axis, Interval
 from campaigns.kinematics.catalog import PYTHON, find_mechanism
-from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.feasibility import Limits
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import Parameters, stated_rates
@@ -66,7 +66,7 @@ class RobotFile:
     """
 
     name: str
-    mechanism: ClosedChain
+    mechanism: Mechanism
     parameters: Parameters
     limits: Limits
     provenance: Mapping[str, JsonValue] | None = None
@@ -85,7 +85,7 @@ class RobotFile:
 
     @classmethod
     def of(
-        cls, mechanism: ClosedChain, values: Mapping[str, float], *, name: str, limits: Limits
+        cls, mechanism: Mechanism, values: Mapping[str, float], *, name: str, limits: Limits
     ) -> Self:
         """Make a robot of values by name, optional ones 0 if not named; raise `ConfigInvalid`."""
         checked = checked_parameters(mechanism, values, name)
@@ -102,7 +102,7 @@ class RobotFile:
     def for_controller(self) -> Parameters:
         """Parameters that a controller is given: without a place that its point does not have."""
         values = self.parameters
-        if self.mechanism.controlled is None:
+        if not self.mechanism.is_elsewhere:
             return values
         elsewhere = values.table.select(group="reflector")
         kept = {name: value for name, value in values.items() if name not in elsewhere}
@@ -133,6 +133,8 @@ class RobotFile:
 
         Raise `ConfigInvalid` for a robot that reaches nothing.
         """
+        if self.workspace_centre_mm is None and not self.mechanism.has_forearms:
+            return _home(self.limits, None)
         centre = np.zeros(len(self.mechanism.task))
         centre[:3] = self.workspace_centre_mm or middle_of_reach_mm(self.kinematics, self.limits)
         return centre
@@ -194,7 +196,7 @@ def parse_robot(text: str, name: str) -> RobotDocument:
     return _parse_document(yaml_file.parse_document(text, name))
 
 
-def shipped_of(mechanism: ClosedChain) -> RobotDocument:
+def shipped_of(mechanism: Mechanism) -> RobotDocument:
     """Return the first shipped robot of a mechanism."""
     robots = map(find_robot, shipped_robots())
     return next(robot for robot in robots if robot.robot.mechanism.name == mechanism.name)
@@ -301,7 +303,7 @@ def _set_values(geometry: CommentedMap, parameters: Parameters) -> None:
 
 
 def checked_parameters(
-    mechanism: ClosedChain,
+    mechanism: Mechanism,
     values: Mapping[str, float],
     name: str,
     std: Mapping[str, float] | None = None,
@@ -333,8 +335,9 @@ def require_millimetres(parameters: Parameters, where: str) -> None:
     # no real robot is refused: a laser tracker's reflector would not fit on one of a few mm
     table = parameters.table
     lengths = [name for name in table.of_robot if table[name].field.quantity == "length"]
-    longest = max(lengths, key=parameters.__getitem__)
-    if parameters[longest] < LONGEST_IN_METRES:
+    # a mechanism of one's own may have places alone, or lengths that count against an axis
+    longest = max(lengths, key=lambda name: abs(parameters[name]), default=None)
+    if longest is not None and 0.0 < abs(parameters[longest]) < LONGEST_IN_METRES:
         raise ConfigInvalid(
             f"{where}: {longest} is {parameters[longest]:g}, and no length is above "
             f"{LONGEST_IN_METRES:g} mm: metres?",
@@ -375,11 +378,13 @@ def _parse_document(document: yaml_file.YamlDocument) -> RobotDocument:
         values[parameter.name] = holder[parameter.field.name]
     parameters = checked_parameters(mechanism, values, contents.name, contents.uncertainty)
     require_millimetres(parameters, f"{document.place_of('geometry')}")
+    limits = _limits(mechanism, contents.limits)
+    complete = _add_plate_and_drives(mechanism, parameters, contents)
     robot = RobotFile(
         contents.name,
-        _add_plate_and_drives(mechanism, parameters, contents),
+        complete.with_home(_home(limits, contents.workspace_centre_mm)),
         parameters,
-        _limits(mechanism, contents.limits),
+        limits,
         contents.provenance,
         contents.workspace_centre_mm,
         contents.tolerance,
@@ -417,7 +422,7 @@ def _tolerances(contents: RobotContents, document: yaml_file.YamlDocument) -> di
 
 
 def _rates_by_name(
-    document: yaml_file.YamlDocument, contents: RobotContents, mechanism: ClosedChain
+    document: yaml_file.YamlDocument, contents: RobotContents, mechanism: Mechanism
 ) -> dict[str, float]:
     """Return the rates of ripples that a file states; raise `ConfigInvalid` for a wrong number."""
     table = mechanism.parameters
@@ -443,19 +448,14 @@ def _rates_in_file(rates: tuple[float, ...]) -> float | CommentedSeq:
 
 
 def _add_plate_and_drives(
-    mechanism: ClosedChain, parameters: Parameters, contents: RobotContents
-) -> ClosedChain:
+    mechanism: Mechanism, parameters: Parameters, contents: RobotContents
+) -> Mechanism:
     """Return the mechanism with the file's plate and drives.
 
     Raise `ConfigInvalid` for ripples without a rate, and for errors of a joint that are too steep.
     """
-    typical = mechanism.geometry(parameters.vector).plate
-    plate = replace(
-        typical,
-        joints_mm=contents.plate_joints_mm or typical.joints_mm,
-        reflector_mm=contents.reflector_mm or typical.reflector_mm,
-    )
-    complete = mechanism.with_plate(plate).with_ripples(parameters.rates)
+    placed = mechanism.placed(parameters.vector, contents.plate_joints_mm, contents.reflector_mm)
+    complete = placed.with_ripples(parameters.rates)
     # a ripple's amplitude means nothing without its period
     ripples = [
         name
@@ -479,18 +479,30 @@ def _add_plate_and_drives(
     return complete
 
 
-def _limits(mechanism: ClosedChain, limits: yaml_file.FileModel) -> Limits:
+def _limits(mechanism: Mechanism, limits: yaml_file.FileModel) -> Limits:
     """Return the limits of a file in mm and rad."""
     values = limits.model_dump()
-    joint = mechanism.joints[0]
 
-    def convert(axis: Axis, interval: Interval | None) -> Interval | None:
+    def convert(axis: Axis, key: str) -> Interval | None:
+        interval = values.get(key)
         return interval and (axis.from_file(interval[0]), axis.from_file(interval[1]))
 
-    of_joints = convert(joint, values[f"joint_{joint.unit}"])
-    assert of_joints is not None, "the schema requires it"
-    of_task = tuple(convert(axis, values.get(axis.column)) for axis in mechanism.task)
-    return Limits(of_joints, of_task, math.radians(values["forearm_swing_deg"]))
+    of_joints = [convert(axis, f"joint_{axis.unit}") for axis in mechanism.joints]
+    ends: Any = tuple(zip(*filter(None, of_joints), strict=True))
+    if len({*of_joints}) == 1:
+        ends = of_joints[0]
+    of_task = tuple(
+        (0.0, 0.0) if axis.is_fixed else convert(axis, axis.column) for axis in mechanism.task
+    )
+    return Limits(ends, of_task, math.radians(values.get("forearm_swing_deg", 0.0)))
+
+
+def _home(limits: Limits, centre_mm: Vector3 | None) -> Array:
+    """Return a pose (t,) well inside the workspace: its stated centre, or the limits' middle."""
+    middle = np.array([0.0 if ends is None else 0.5 * (ends[0] + ends[1]) for ends in limits.task])
+    if centre_mm is not None:
+        middle[:3] = centre_mm
+    return middle
 
 
 def pose_row(pose: Pose) -> Array:

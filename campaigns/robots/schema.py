@@ -28,7 +28,7 @@ from campaigns.files.yaml_file import (
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.catalog import MECHANISMS, find_mechanism
-from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.parameters import OPTIONAL, Parameter, ParameterField
 from campaigns.kinematics.platforms import ON_PLATE
 
@@ -97,7 +97,7 @@ JOINTS_ON_PLATE = "where each arm's bar sits on its part of the plate, [x, y, z]
 LARGEST_ON_PLATE_MM = 100.0
 """Largest change of a place on the plate that `load` takes: it moves the robot by the plate's tilt
 times this, 0.1 mm at 1 mrad."""
-COUNTS = ("no", "one", "two", "three", "four", "five", "six")
+COUNTS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 
 
 class Tolerance(FileModel):
@@ -246,15 +246,15 @@ def contents_model(word: object, folder: Path) -> type[RobotContents]:
 
 # Making a model takes longer than checking a file with it, and a command reads several files.
 @cache
-def _model_of(mechanism: ClosedChain, word: str) -> type[RobotContents]:
+def _model_of(mechanism: Mechanism, word: str) -> type[RobotContents]:
     space = mechanism.parameters
-    of_arm = _definitions(space.arm_fields(), space.arm_fields(*OPTIONAL))
-    arm = _make_model("ArmContents", **of_arm)
-    count, keys = COUNTS[space.arms], len(space.arm_fields())
+    fields = [(space.arm_fields(arm=k), space.arm_fields(*OPTIONAL, arm=k)) for k in range(space.arms)]
+    of_arm = {own: _make_model("ArmContents", **_definitions(*own)) for own in dict.fromkeys(fields)}
+    count, keys = COUNTS.get(space.arms, str(space.arms)), len(space.arm_fields())
     arms = Field(description=f"{count} arms, each with its {keys} keys")
     geometry = _make_model(
         "GeometryContents",
-        arms=(tuple[(arm,) * space.arms], arms),  # type: ignore[misc]
+        arms=(tuple[tuple(of_arm[own] for own in fields)], arms),  # type: ignore[misc]
         **_definitions(space.platform_fields(), space.platform_fields(*OPTIONAL)),
     )
     named = ", ".join(("arms", *(field.name for field in space.platform_fields())))
@@ -281,22 +281,28 @@ def _literal(*words: str) -> Any:
     return Literal[words]
 
 
-def _limits_model(mechanism: ClosedChain) -> type[FileModel]:
-    joint = mechanism.joints[0]
-    turns = {
-        axis.column: _range_of(axis, "the plate's lowest and highest angle")
-        for axis in mechanism.task
-        if axis.is_revolute
+def _limits_model(mechanism: Mechanism) -> type[FileModel]:
+    joints = {axis.unit: axis for axis in mechanism.joints}
+    what = {"deg": "encoder angle", "mm": "place of a carriage or length of a leg"}
+    of_joints = {
+        f"joint_{unit}": _range_of(axis, f"the lowest and the highest {what[unit]}")
+        for unit, axis in joints.items()
     }
-    value = "encoder angle" if joint.is_revolute else "place of a carriage"
+    # the reach of forearms bounds positions; other mechanisms need a range of each
+    of_task = {
+        axis.column: _range_of(
+            axis, "the plate's lowest and highest angle" if axis.is_revolute
+            else "the controlled point's lowest and highest place"
+        )
+        for axis in mechanism.task
+        if axis.is_revolute or not (mechanism.has_forearms or axis.is_fixed)
+    }  # fmt: skip
     swing = Field(
         gt=0.0, le=90.0, description="the largest angle of a forearm out of its arm's plane, deg"
     )
+    of_forearms: dict[str, Definition] = {"forearm_swing_deg": (float, swing)}
     return _make_model(
-        "LimitsContents",
-        **{f"joint_{joint.unit}": _range_of(joint, f"the lowest and the highest {value}")},
-        **turns,
-        forearm_swing_deg=(float, swing),
+        "LimitsContents", **of_joints, **of_task, **(of_forearms if mechanism.has_forearms else {})
     )
 
 

@@ -42,8 +42,8 @@ def test_a_pose_inside_every_limit_or_on_it_can_be_taken():
 def test_a_pose_out_of_reach_has_that_reason_and_no_measures():
     judged = NOMINAL.feasibility(LIMITS, OUT_OF_REACH)
     assert Violation(int(judged.violations[0])) is Violation.OUT_OF_REACH
-    assert np.isnan([*judged.joints[0], *judged.swing_rad[0]]).all()
-    assert np.isnan([judged.singular_value[0], judged.elbow[0]]).all()
+    assert np.isnan([*judged.joints[0], *judged.margins.swing_rad[0]]).all()
+    assert np.isnan([judged.margins.singular_value[0], judged.margins.elbow[0]]).all()
     (line,) = told(LIMITS, OUT_OF_REACH)
     assert line.startswith("out of reach")
 
@@ -65,7 +65,7 @@ def test_turns_coordinates_and_joints_beyond_limits_are_named_with_value_and_lim
 
 
 def test_swing_is_named_where_it_is_too_far():
-    swing_deg = np.degrees(NOMINAL.feasibility(LIMITS, TURNED).swing_rad[0])
+    swing_deg = np.degrees(NOMINAL.feasibility(LIMITS, TURNED).margins.swing_rad[0])
     worst = int(np.argmax(np.abs(swing_deg)))
     limits = replace(LIMITS, forearm_swing_rad=np.radians(np.sort(np.abs(swing_deg))[-2:].mean()))
     assert violations(limits, TURNED) is Violation.SWING_LIMIT
@@ -80,8 +80,8 @@ def test_too_small_a_margin_is_told_with_value_and_limit(margin):
     assert violations(limits, TURNED) is Violation.SINGULAR
     judged = NOMINAL.feasibility(LIMITS, TURNED)
     (line,) = told(limits, TURNED)
-    assert f"margin {judged.singular_value[0]:.3f} (limit {limits.singularity_margin:g})" in line
-    assert f"elbow {judged.elbow[0]:.3f} (limit {limits.elbow_margin:g})" in line
+    assert f"margin {judged.margins.singular_value[0]:.3f} (limit {limits.singularity_margin:g})" in line
+    assert f"elbow {judged.margins.elbow[0]:.3f} (limit {limits.elbow_margin:g})" in line
 
 
 def test_the_margin_vanishes_where_the_assembly_could_turn_over():
@@ -93,7 +93,7 @@ def test_the_margin_vanishes_where_the_assembly_could_turn_over():
     theta = brentq(by_pose, 1.5, 1.7, xtol=1e-14)
     singular = np.array([[0.0, -50.0, -575.0, theta]])
     wide = replace(LIMITS, task=turning(-2.0, 2.0), forearm_swing_rad=1.5)
-    assert NOMINAL.feasibility(wide, singular).singular_value[0] < 1e-9
+    assert NOMINAL.feasibility(wide, singular).margins.singular_value[0] < 1e-9
     assert Violation.SINGULAR in violations(wide, singular)
 
 
@@ -132,9 +132,9 @@ def test_margins_of_a_delta_are_those_of_its_geometry():
     directions = forearms / np.linalg.norm(forearms, axis=-1, keepdims=True)
     lever = np.abs(np.sum(directions * np.cross(axes, cranks), axis=-1)).min(axis=1)
     singular = np.linalg.svd(directions, compute_uv=False)[:, -1]
-    assert np.abs(judged.swing_rad - np.arcsin(np.sum(directions * axes, axis=-1))).max() < 1e-12
-    assert np.abs(judged.elbow - lever).max() < 1e-12
-    assert np.abs(judged.singular_value - singular).max() < 1e-12
+    assert np.abs(judged.margins.swing_rad - np.arcsin(np.sum(directions * axes, axis=-1))).max() < 1e-12
+    assert np.abs(judged.margins.elbow - lever).max() < 1e-12
+    assert np.abs(judged.margins.singular_value - singular).max() < 1e-12
 
 
 @pytest.mark.parametrize("name", ["linear-delta", "i4l"])
@@ -149,7 +149,7 @@ def test_a_carriage_beyond_its_rail_and_a_forearm_that_leans_too_far_are_told(na
     (line,) = member.nominal.feasibility(member.limits, beyond).describe(0)
     assert line == "out of reach: a forearm cannot span from its carriage's rail to the plate"
     pose = member.shipped.workspace_centre[None]
-    swing_rad = member.nominal.feasibility(member.limits, pose).swing_rad[0, 0]
+    swing_rad = member.nominal.feasibility(member.limits, pose).margins.swing_rad[0, 0]
     radius_mm = float(np.hypot(*member.nominal.p[:2]))
     assert swing_rad == pytest.approx(np.arcsin(radius_mm / member.nominal.p[6]))
     narrow = replace(member.limits, forearm_swing_rad=0.9 * swing_rad)
@@ -188,4 +188,4 @@ def test_robot_of_another_size_and_the_same_shape_takes_the_same_poses(name):
     found = Kinematics.of(robot.mechanism, sizes).feasibility(limits, poses)
     assert 20 < wanted.feasible.sum() < 380
     assert found.violations.tolist() == wanted.violations.tolist()
-    np.testing.assert_allclose(found.singular_value, wanted.singular_value, atol=1e-9)
+    np.testing.assert_allclose(found.margins.singular_value, wanted.margins.singular_value, atol=1e-9)

@@ -305,5 +305,5 @@ def test_rails_that_count_the_other_way_are_the_same_robot(member, elevation_deg
     limits = replace(member.limits, joint=(-600.0, 600.0))
     both = [each.feasibility(limits, poses) for each in (robot, other)]
     assert both[0].feasible.mean() > 0.9
-    assert np.abs(both[0].swing_rad - both[1].swing_rad).max() < 1e-9
+    assert np.abs(both[0].margins.swing_rad - both[1].margins.swing_rad).max() < 1e-9
     assert (both[0].violations == both[1].violations).all()

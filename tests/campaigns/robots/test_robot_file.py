@@ -98,7 +98,7 @@ def test_robot_is_found_by_path_and_another_named(tmp_path):
         ("forearm_mm: 700.0", "forearm_m: 0.7", 18, "write forearm_mm, with the value in mm"),
         ("    - {x_mm: -172.5, y_mm: 222.5", "    # {", 15, "geometry.arms[3] is missing"),
         ("[-45.0, 90.0]", "[90, -45]", 26, "the lowest must be below the highest"),
-        ("mechanism: par4", "mechanism: hexapod", 12, "is \"hexapod\", must be 'par4', 'h4', "),
+        ("mechanism: par4", "mechanism: octopod", 12, "is \"octopod\", must be 'par4', 'h4', "),
         ("mechanism: par4", "mechanism: delta", 23, "geometry.plate_mm is not a known key"),
         ("robot/1", "robot/2", 11, "a newer pkmcal wrote the file"),
         ("robot/1", "campaign/1", 11, "give a pkmcal/robot file here"),

@@ -1,0 +1,650 @@
+"""Mechanisms as fit, plan and files see them, and mechanisms that their closures alone state.
+
+Theory of operation. A mechanism has n joints q and a pose y of t coordinates. It closes where
+
+    misfit(fields, q, y) = 0            t equations
+
+From these follow
+
+    forward model   Newton's method in y, from a pose nearby
+    inverse model   Newton's method in q, from the joints of perfect parts
+    derivatives     dy/dp = -F_y⁻¹ F_p, the implicit function theorem
+    singularity     the smallest singular value of F_y, with rows of unit length
+
+All derivatives of the closures F are steps into the imaginary direction, exact to rounding.
+`ClosedChain` states the same methods for parallelograms under a plate that tilts.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import ClassVar, Self
+
+import numpy as np
+from typing_extensions import override
+
+from campaigns.arrays import Array, Index, Mask
+from campaigns.kinematics import transmission
+from campaigns.kinematics.axes import FIXED_Z, POSITION, Axis, AxisKind
+from campaigns.kinematics.limbs import STEP, Fields
+from campaigns.kinematics.parameters import (
+    DRIVE_PERIOD,
+    RIPPLES_PER_TURN,
+    ParameterField,
+    ParameterTable,
+    Role,
+)
+from campaigns.kinematics.rotations import turned_by, turns_of_changes
+
+Place = tuple[float, float, float]
+Rows = Index | slice
+ALL_ROWS = slice(None)
+MOST_ROUNDS = 40
+CONVERGED_MM = 1e-8
+"""Step of Newton's method below which a pose or joints have been reached, mm or mm at a lever."""
+CLOSED_MM = 1e-3
+"""Misfit below which a mechanism closes; steps also vanish at minima that are no assembly."""
+STEP_MM = 30.0
+"""Longest step of Newton's method, mm or mm at a lever."""
+SAME_MM = 1e-3
+"""Distance below which two poses are of one assembly."""
+TYPICAL_RADIUS_MM = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """Poses that joints assemble to."""
+
+    unknowns: Array
+    """Plate's pose without its sag, and its tilt if parts are imperfect, (N, t) or (N, t + 3); NaN
+    where no assembly is found."""
+    poses: Array
+    """Poses of the controlled point, of plates with parts those of the measured point, (N, t)."""
+    is_solved: Mask
+    """Rows with an assembly, (N,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Margins:
+    """Margins of poses from limits of the mechanism itself; NaN in rows without joints."""
+
+    singular_value: Array
+    """Smallest singular value of the closures' Jacobian, of rows of unit length, (N,)."""
+    swing_rad: Array
+    """Angle of each forearm out of its arm's plane, or away from its rail, (N, n) or (N, 0)."""
+    elbow: Array
+    """Smallest share of a forearm along which its joint moves it, (N,); 1 without forearms."""
+    is_above: Mask
+    """Poses above their elbows, which are another assembly, (N,)."""
+
+
+class Mechanism(ABC):
+    """Kind of robot: joints, task axes, parameters and how they belong together.
+
+    It has no state: a robot is a vector p (P,) of the parameters in its table. Joints (N, n) and
+    poses (N, t) are batches, in rad and mm. `approach` (N, n) holds the signs of the joints' last
+    motions, 0 where they are unknown.
+    """
+
+    name: str
+    """Its word in robot files."""
+    rates: tuple[float, ...]
+    """Repetition of each joint's ripple in the unit of `parameters.rate`: periods a turn, or mm; 0
+    where it is unknown."""
+    held_by_paper: tuple[str, ...]
+    """Parameters, or fields of all arms, that the paper's method holds at nominal, and a parameter
+    set for a plain controller as identified."""
+    has_forearms: ClassVar[bool] = False
+    """Whether forearms swing, stretch and bound the reach."""
+
+    # --- what each kind states ------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def joints(self) -> tuple[Axis, ...]:
+        """Axes of the joints: `q0`, `q1` and so on."""
+
+    @property
+    @abstractmethod
+    def task(self) -> tuple[Axis, ...]:
+        """Task axes: x, y and z of the controlled point, then no, one or three turns.
+
+        Along a fixed axis it does not move. One turn is about z; three are a rotation vector in the
+        base frame.
+        """
+
+    @property
+    @abstractmethod
+    def parameters(self) -> ParameterTable:
+        """Table of the parameters."""
+
+    @abstractmethod
+    def assemble(
+        self, p: Array, joints: Array, near: Array | None = None, approach: Array | None = None
+    ) -> Assembly:
+        """Solve for the poses of encoder readings (N, n).
+
+        `near` are poses close by, (N, t), or an earlier assembly's unknowns; where they lead
+        nowhere, the search begins at guesses.
+        """
+
+    @abstractmethod
+    def inverse(self, p: Array, poses: Array, approach: Array | None = None) -> tuple[Array, Mask]:
+        """Return the encoder readings (N, n) of poses (N, t), and which rows are solved."""
+
+    @abstractmethod
+    def jacobian(
+        self, p: Array, joints: Array, poses: Array, approach: Array | None = None
+    ) -> Array:
+        """Return d(pose)/dp (N, t, P) at fixed encoder readings (N, n), of the poses there.
+
+        `poses` are (N, t), or the unknowns of an assembly. Raise `LinAlgError` at a singular pose.
+        """
+
+    @abstractmethod
+    def margins(self, p: Array, joints: Array, poses: Array) -> Margins:
+        """Return the margins of poses (N, t) at joints (N, n)."""
+
+    @abstractmethod
+    def growth_columns(self, p: Array, by_p: Array, joints: Array) -> Array:
+        """Return ∂position (N, 3, 3) by the relative growth of arms or rails, forearms, and frame.
+
+        `by_p` (N, 3, P) are the derivatives of positions by parameters.
+        """
+
+    @abstractmethod
+    def fields_of(self, p: Array) -> Fields:
+        """Return the parameters of all arms by stem, (1, n)."""
+
+    @abstractmethod
+    def placed(
+        self, p: Array, plate_joints_mm: tuple[Place, ...] | None, reflector_mm: Place | None
+    ) -> Self:
+        """Return this mechanism with places on its platform; None: where they are typically.
+
+        Places are seen from the controlled point, of a platform that is not turned.
+        """
+
+    def with_home(self, pose: Array) -> Self:  # noqa: ARG002 - most kinds know their assembly
+        """Return this mechanism with a pose (t,) well inside the workspace, mm and rad."""
+        return self
+
+    # --- what may differ ------------------------------------------------------------------------
+
+    @property
+    def out_of_reach(self) -> str:
+        """Words for a pose that no joints reach."""
+        return "out of reach: no joints lead to this pose"
+
+    @property
+    def words_of_swing(self) -> tuple[str, str]:
+        """Direction in which a forearm's swing is counted, and name of its upper end."""
+        return "out of its arm's plane", "elbow"
+
+    @property
+    def halves(self) -> tuple[int | None, ...]:
+        """Parts of the platform on which the reflector may sit instead; None: between them."""
+        return ()
+
+    @property
+    def is_between_halves(self) -> bool:
+        """Whether the measured point is on no part that arms end in."""
+        return False
+
+    @property
+    def is_elsewhere(self) -> bool:
+        """Whether the measured point is on another part than the controlled point."""
+        return False
+
+    def seen_from(self, part: int | None) -> Self:
+        """Return this mechanism with the measured point on a part; None: as controlled.
+
+        Raise `ValueError` for a part that it does not have.
+        """
+        if part is not None:
+            raise ValueError(f"a platform of one part has no part {part}")
+        return self
+
+    # --- points ---------------------------------------------------------------------------------
+
+    def points(self, poses: Array) -> Array:
+        """Return the places of the measured point in the base frame, (N, 3), at poses (N, t)."""
+        return poses[:, :3]
+
+    def point_rows(self, poses: Array, rows: Array) -> Array:  # noqa: ARG002 - of few kinds
+        """Return derivatives of the measured point (N, 3, k) from those of poses (N, t, k)."""
+        return rows[:, :3]
+
+    # The turn about z of a platform with one turn, and of one with three the turn that a change of
+    # its rotation vector makes.
+    def turn_rows(self, poses: Array, rows: Array) -> Array:
+        """Return derivatives of the platform's turn (N, 3, k), rad about the base's axes.
+
+        `rows` (N, t, k) are those of poses (N, t).
+        """
+        size = len(self.task)
+        if size == 6:
+            return np.asarray(turns_of_changes(poses[:, 3:size]) @ rows[:, 3:size])
+        about = np.zeros((len(rows), 3, rows.shape[2]))
+        about[:, 6 - size :] = rows[:, 3:size]
+        return about
+
+    # --- joints ---------------------------------------------------------------------------------
+
+    @property
+    def joint_scales(self) -> Array:
+        """Travel of each joint that compares with one radian of a crank, (n,), rad or mm."""
+        return np.array([axis.scale for axis in self.joints])
+
+    @property
+    def rate(self) -> float:
+        """Rate that all joints have in common; 0 if it is unknown or the rates differ."""
+        return self.rates[0] if len({*self.rates}) == 1 else 0.0
+
+    def has_ripple(self, arm: int | None) -> bool:
+        """Return whether a joint's ripple has a rate; for None, whether any joint's has."""
+        return any(self.rates) if arm is None else self.rates[arm] != 0.0
+
+    @cached_property
+    def phase_rate(self) -> Array:
+        """Change N of each ripple's phase with its reading, (n,): rad over rad, or over mm."""
+        rates = np.array(self.rates)
+        if self.parameters.rate.unit == "mm":
+            rates[rates != 0.0] = 2.0 * np.pi / rates[rates != 0.0]
+        # files give cranks the periods in a turn, which is N itself
+        return rates
+
+    def with_ripples(self, rates: float | Sequence[float]) -> Self:
+        """Return this mechanism with ripples that repeat at these rates.
+
+        `rates` are in the unit of `parameters.rate`: one for all joints or one for each, 0 for a
+        joint without a ripple. Raise `ValueError` for another number of rates.
+        """
+        if not isinstance(rates, Sequence):
+            rates = (float(rates),) * len(self.joints)
+        return replace(self, rates=tuple(map(float, rates)))  # type: ignore[type-var]
+
+    def _checked_rates(self) -> tuple[float, ...]:
+        """Return the rates, 0 for each joint if there are none; raise `ValueError` for others."""
+        rates = self.rates or (0.0,) * len(self.joints)
+        if len(rates) != len(self.joints):
+            raise ValueError(f"{len(rates)} ripple rates for {len(self.joints)} joints")
+        return rates
+
+    def true_joints_at(self, p: Array, joints: Array, approach: Array | None = None) -> Array:
+        """Return where joints are, less their offsets, at encoder readings (N, n)."""
+        return transmission.true_joints(self.fields_of(p), joints, approach, self.phase_rate)
+
+    # The sum of the terms' largest derivatives: |k|, |a|, |b|, N |c|, N |d|, and 0 of backlash.
+    def steepest_error(self, p: Array) -> float:
+        """Return a bound of the change of any joint's error over its motion."""
+        fields = self.fields_of(p)
+        by_phase = {"backlash": np.zeros(1), "ripple_sin": self.phase_rate}
+        by_phase["ripple_cos"] = self.phase_rate
+        bounds = [
+            np.abs(by_phase.get(stem, np.ones(1)) * fields[stem])
+            for stem in transmission.STEMS
+            if stem in fields
+        ]
+        return float(np.sum(bounds, axis=0).max(initial=0.0))
+
+    def joint_slopes(self, p: Array, joints: Array) -> Array:
+        """Return the change of true joints over that of encoder readings (N, n), (N, n)."""
+        stepped = self.true_joints_at(p, np.asarray(joints + 1j * STEP))
+        return np.asarray(stepped.imag / STEP)
+
+    # --- plans ----------------------------------------------------------------------------------
+
+    def is_mode_of_home(self, p: Array, joints: Array, poses: Array) -> Mask:
+        """Return which poses (N, t) of joints (N, n) are the assembly that `assemble` looks for."""
+        assembly = self.assemble(p, joints)
+        away = np.abs(assembly.poses[:, :3] - poses[:, :3]).max(axis=1)
+        return assembly.is_solved & (away < SAME_MM)
+
+    def reach_mm(self, p: Array, joint: tuple[float, float], swing_rad: float) -> Array:  # noqa: ARG002 - limits of the task bound it
+        """Return the corners (2, 3) of a box that holds all positions; infinite if limits do.
+
+        `joint` are the lowest and the highest joint, `swing_rad` is the limit of forearms.
+        """
+        return np.array([[-np.inf], [np.inf]]) * np.ones(3)
+
+    def reach_of_turns_mm(self, p: Array) -> float:  # noqa: ARG002 - few have any
+        """Return by how much a turn of 1 rad takes the controlled point farther out."""
+        return 0.0
+
+    def radius_mm(self, p: Array, turns: Array) -> float:  # noqa: ARG002 - a typical one
+        """Return the distance of the platform's farthest joint from its point at turns (M, 1)."""
+        return TYPICAL_RADIUS_MM
+
+    # --- parameters -----------------------------------------------------------------------------
+
+    @cached_property
+    def free_by_paper(self) -> tuple[str, ...]:
+        """Names of the geometry that the paper's method and plain parameter sets fit."""
+        table, held = self.parameters, set(self.held_by_paper)
+        return tuple(name for name in table.names if not {name, table[name].field.name} & held)
+
+    @cached_property
+    def _columns(self) -> Mapping[str, Index]:
+        """Places in a vector (P,) by stem, without those of growth, which no robot file has."""
+        size = len(self.parameters.of_robot)
+        return {
+            stem: places for stem, places in self.parameters.columns.items() if places[0] < size
+        }
+
+
+@dataclass(frozen=True)
+class ImplicitMechanism(Mechanism):
+    """Mechanism that is stated by its closures: a subclass gives its fields and three functions.
+
+    Example:
+        >>> class Slide(ImplicitMechanism):
+        ...     joint_kinds = ("prismatic",)
+        ...     task_axes = POSITION[:1]
+        ...     arm_fields = (ParameterField("joint_offset_mm", "offset, mm", "place", "offsets"),)
+        ...
+        ...     def misfit(self, fields, joints, pose):
+        ...         return pose - joints
+        ...
+        ...     def first_joints(self, fields, poses):
+        ...         return poses
+        ...
+        ...     def first_pose(self, fields, joints):
+        ...         return joints
+    """
+
+    name: str
+    rates: tuple[float, ...] = ()
+    held_by_paper: tuple[str, ...] = ()
+    reflector_mm: Place = (0.0, 0.0, 0.0)
+    """Measured point seen from the controlled one, of a platform that is not turned."""
+    home: tuple[float, ...] = ()
+    """Pose well inside the workspace, (t,), mm and rad: the robot file's; () is 0."""
+
+    joint_kinds: ClassVar[tuple[AxisKind, ...]]
+    """Kind of each joint, (n,)."""
+    task_axes: ClassVar[tuple[Axis, ...]]
+    """Axes of the pose: `POSITION` or `PLANE`, then none, `TURN` or the three `TURNS`."""
+    arm_fields: ClassVar[tuple[ParameterField, ...]]
+    """Parameters of each arm, `joint_offset_deg` or `joint_offset_mm` among them; those in the
+    other unit than the joint's are left out."""
+    platform_fields: ClassVar[tuple[ParameterField, ...]] = ()
+    lever_mm: ClassVar[float] = 100.0
+    """Length at which a turn compares with a shift."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rates", self._checked_rates())
+
+    # --- what a mechanism states ----------------------------------------------------------------
+
+    @abstractmethod
+    def misfit(self, fields: Fields, joints: Array, pose: Array) -> Array:
+        """Return by how much the mechanism does not close, (…, N, t), in mm or alike.
+
+        `fields` hold the arms' parameters by stem, (…, 1, n), and the platform's, (…, 1, 1).
+        `joints` (…, N, n) are with their offsets, `pose` (…, N, t) has the axes of `task_axes`. All
+        may be complex: no `abs`, no `arctan2`, no comparison but of real parts.
+        """
+
+    @abstractmethod
+    def first_joints(self, fields: Fields, poses: Array) -> Array:
+        """Return the joints (N, n), with their offsets, of poses (N, t), or near them.
+
+        NaN out of reach. The branch of the result is the robot's.
+        """
+
+    @abstractmethod
+    def first_pose(self, fields: Fields, joints: Array) -> Array:
+        """Return poses (N, t) near enough to the wanted assembly for Newton's method.
+
+        `joints` (N, n) are with their offsets.
+        """
+
+    # --- what follows ---------------------------------------------------------------------------
+
+    @property
+    @override
+    def joints(self) -> tuple[Axis, ...]:
+        return tuple(Axis(f"q{arm}", kind) for arm, kind in enumerate(self.joint_kinds))
+
+    @cached_property
+    def task(self) -> tuple[Axis, ...]:
+        """Task axes: the stated ones, and a fixed z of a robot in a plane."""
+        is_planar = self.task_axes[:3] != POSITION
+        return (*self.task_axes[:2], FIXED_Z, *self.task_axes[2:]) if is_planar else self.task_axes
+
+    @cached_property
+    def _moving(self) -> list[int]:
+        """Columns of a pose along which the platform moves: those of `task_axes`."""
+        return [column for column, axis in enumerate(self.task) if not axis.is_fixed]
+
+    # Ripples of rails repeat by a length and those of gears by a turn, but a table has one rate:
+    # where a robot has joints of both kinds, only its gears ripple. No load enters the closures, so
+    # that the drives' yield to it would be undetermined.
+    @cached_property
+    def parameters(self) -> ParameterTable:
+        """Table of the parameters."""
+        has_gears = "revolute" in self.joint_kinds
+        arms = []
+        for axis in self.joints:
+            other = "mm" if axis.is_revolute else "deg"
+            lacking = {f"joint_offset_{other}", f"backlash_{other}", "compliance_mm"}
+            lacking |= {f"{stem}_{other}" for stem in transmission.STEMS} | {"compliance_deg"}
+            if has_gears and not axis.is_revolute:
+                lacking |= {"ripple_sin_mm", "ripple_cos_mm"}
+            arms.append([field for field in self.arm_fields if field.name not in lacking])
+        rate = RIPPLES_PER_TURN if has_gears else DRIVE_PERIOD
+        return ParameterTable.of(arms, self.platform_fields, rate)
+
+    # Fields that only some arms have are 0 of the others.
+    @override
+    def fields_of(self, p: Array) -> Fields:
+        whole, rows = self.parameters.whole(p), self.parameters.rows
+        fields = {}
+        for stem, places in self._columns.items():
+            arms = [rows[place].arm for place in places]
+            if arms == [None]:
+                fields[stem] = whole[places][None]
+                continue
+            fields[stem] = np.zeros((1, len(self.joint_kinds)))
+            fields[stem][0, arms] = whole[places]
+        return fields
+
+    @override
+    def placed(
+        self, p: Array, plate_joints_mm: tuple[Place, ...] | None, reflector_mm: Place | None
+    ) -> Self:
+        return self if reflector_mm is None else replace(self, reflector_mm=reflector_mm)
+
+    @override
+    def with_home(self, pose: Array) -> Self:
+        return replace(self, home=tuple(pose.tolist()))
+
+    def home_poses(self, joints: Array) -> Array:
+        """Return the home pose for each row of joints (N, n), by `task_axes`, to begin at."""
+        home = np.array(self.home or (0.0,) * len(self.task))[self._moving]
+        return np.tile(home, (len(joints), 1))
+
+    @override
+    def points(self, poses: Array) -> Array:
+        if len(self.task) == 3:
+            return poses[:, :3] + np.array(self.reflector_mm)
+        return np.asarray(poses[:, :3] + self._levers(poses))
+
+    @override
+    def point_rows(self, poses: Array, rows: Array) -> Array:
+        if len(self.task) == 3:
+            return rows[:, :3]
+        levers, by_turn = self._levers(poses)[..., None], self.turn_rows(poses, rows)
+        return np.asarray(rows[:, :3] + np.cross(by_turn, levers, axis=1))
+
+    def _levers(self, poses: Array) -> Array:
+        """Return the measured point seen from the controlled one, in the base frame, (N, 3)."""
+        turns, size = np.zeros((len(poses), 3)), len(self.task)
+        turns[:, 6 - size :] = poses[:, 3:size]
+        place = [np.array([value]) for value in self.reflector_mm]
+        return np.stack([c[:, 0] for c in turned_by(turns, place)], axis=1)
+
+    def _closures(self, fields: Fields, true: Array, pose: Array) -> Array:
+        """Return the misfits (…, N, t) at true joints less their offsets, (…, N, n)."""
+        return np.asarray(self.misfit(fields, true + fields["joint_offset"], pose))
+
+    def _by_pose(
+        self, fields: Fields, true: Array, pose: Array, rows: Rows = ALL_ROWS
+    ) -> tuple[Array, Array]:
+        """Return closures (M, t) and their derivatives by poses (M, t, t), of true joints[rows]."""
+        steps = 1j * STEP * np.eye(pose.shape[1])[:, None]
+        return _derivatives(self._closures(fields, true[rows] + 0j, pose + steps), pose.shape[1])
+
+    def _by_joints(
+        self, fields: Fields, pose: Array, true: Array, rows: Rows = ALL_ROWS
+    ) -> tuple[Array, Array]:
+        """Return closures (M, t) and their derivatives by joints (M, t, n), of poses[rows]."""
+        steps = 1j * STEP * np.eye(true.shape[1])[:, None]
+        return _derivatives(self._closures(fields, true + steps, pose[rows] + 0j), true.shape[1])
+
+    # From poses nearby first, then rows that failed from the guess of the wanted assembly.
+    @override
+    def assemble(
+        self, p: Array, joints: Array, near: Array | None = None, approach: Array | None = None
+    ) -> Assembly:
+        fields, moving = self.fields_of(p), self._moving
+        true = self.true_joints_at(p, joints, approach)
+        found, is_solved = np.empty((len(joints), len(moving))), np.zeros(len(joints), dtype=bool)
+        for is_near in (True, False):
+            rows = np.flatnonzero(~is_solved)
+            if not len(rows) or (is_near and near is None):
+                continue
+            of_rows = true[rows]
+            if is_near and near is not None:
+                start = near[np.ix_(rows, moving)]
+            else:
+                start = self.first_pose(fields, of_rows + fields["joint_offset"])
+            found[rows], is_solved[rows] = _solve_by_newton(
+                partial(self._by_pose, fields, of_rows), start, self._levers_mm(self.task_axes)
+            )
+        poses = np.zeros((len(joints), len(self.task)))
+        poses[:, moving] = found
+        poses[~is_solved] = np.nan
+        return Assembly(poses, poses.copy(), is_solved)
+
+    @override
+    def inverse(self, p: Array, poses: Array, approach: Array | None = None) -> tuple[Array, Mask]:
+        fields = self.fields_of(p)
+        poses = poses[:, self._moving]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            start = self.first_joints(fields, poses) - fields["joint_offset"]
+        joints, is_solved = np.full(start.shape, np.nan), np.isfinite(start).all(axis=1)
+        joints[is_solved], is_solved[is_solved] = _solve_by_newton(
+            partial(self._by_joints, fields, poses[is_solved]),
+            start[is_solved],
+            self._levers_mm(self.joints),
+        )
+        joints[~is_solved] = np.nan
+        readings = transmission.encoder_readings(fields, joints, approach, self.phase_rate)
+        return readings, is_solved
+
+    def _levers_mm(self, axes: Sequence[Axis]) -> Array:
+        """Return the factors (k,) that make changes along axes comparable lengths, mm."""
+        return np.array([self.lever_mm if axis.is_revolute else 1.0 for axis in axes])
+
+    # Each parameter of each arm is stepped by itself: no structure of the closures is assumed.
+    @override
+    def jacobian(
+        self, p: Array, joints: Array, poses: Array, approach: Array | None = None
+    ) -> Array:
+        fields, table, moving = self.fields_of(p), self.parameters, self._moving
+        true, y = self.true_joints_at(p, joints, approach), poses[:, moving]
+        by_closures = -np.linalg.inv(self._by_pose(fields, true, y)[1])
+        columns = np.zeros((len(joints), len(moving), len(table.of_robot)))
+        for stem, places in self._columns.items():
+            if stem in transmission.STEMS:
+                continue
+            arms = [table.rows[place].arm or 0 for place in places]
+            steps = 1j * STEP * np.eye(fields[stem].shape[1])[arms, None]
+            stepped = {**fields, stem: fields[stem] + steps}
+            by_field = self._closures(stepped, true[None] + 0j, y[None] + 0j).imag / STEP
+            by_field = np.broadcast_to(by_field, (len(arms), len(joints), len(moving)))
+            columns[..., places] = by_closures @ np.moveaxis(by_field, 0, -1)
+        by_offset = columns[..., table.columns["joint_offset"]]
+        for stem, factor in transmission.terms(joints, approach, self.phase_rate).items():
+            if stem in self._columns:
+                places = self._columns[stem]
+                arms = [table.rows[place].arm or 0 for place in places]
+                columns[..., places] = (by_offset * factor[:, None])[..., arms]
+        rows = np.zeros((len(joints), len(self.task), len(table.of_robot)))
+        rows[:, moving] = columns
+        return rows
+
+    # Parts grow by their own lengths, the frame by the arms' places; the drives' share is left out.
+    @override
+    def growth_columns(self, p: Array, by_p: Array, joints: Array) -> Array:
+        table, whole = self.parameters, self.parameters.whole(p)
+        grown = np.zeros((*by_p.shape[:2], 3))
+        for place, group in ((1, "lengths"), (2, "places")):
+            names = [name for name in table.select(group=group) if name in table.of_robot]
+            rows = table.places(names)
+            grown[..., place] = by_p[..., rows] @ whole[rows]
+        return grown
+
+    @override
+    def margins(self, p: Array, joints: Array, poses: Array) -> Margins:
+        fields, true = self.fields_of(p), self.true_joints_at(p, joints)
+        value, has_joints = np.full(len(poses), np.nan), np.isfinite(joints).all(axis=1)
+        of_rows = poses[has_joints][:, self._moving]
+        _, by_pose = self._by_pose(fields, true[has_joints], of_rows)
+        by_pose = by_pose / self._levers_mm(self.task_axes)
+        by_pose /= np.linalg.norm(by_pose, axis=-1, keepdims=True)
+        value[has_joints] = np.linalg.svd(by_pose, compute_uv=False)[:, -1]
+        count = len(poses)
+        return Margins(
+            value, np.zeros((count, 0)), np.ones(count), np.zeros(count, dtype=np.bool_)
+        )
+
+
+def closures(*parts: Array) -> Array:
+    """Join closures (…, N, m) that may depend on different steps into rows (…, N, t)."""
+    shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
+    spread = [np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts]
+    return np.concatenate(spread, axis=-1)
+
+
+def _derivatives(stepped: Array, count: int) -> tuple[Array, Array]:
+    """Return closures (N, t) and derivatives (N, t, k) from closures (k, N, t) with steps."""
+    stepped = np.broadcast_to(stepped, (count, *stepped.shape[-2:]))
+    return stepped[0].real, np.moveaxis(stepped.imag, 0, -1) / STEP
+
+
+# Newton's method with a limit of each step, so that a start far away is not thrown beyond its
+# assembly. Rows that have arrived, or that are no longer finite, leave the batch. More unknowns
+# than closures, of a robot with a redundant joint, take the shortest step.
+@np.errstate(all="ignore")
+def _solve_by_newton(
+    differentiate: Callable[[Array, Index], tuple[Array, Array]], start: Array, levers_mm: Array
+) -> tuple[Array, Mask]:
+    """Return the unknowns (N, k) at which closures vanish, and which rows have converged.
+
+    `differentiate` takes unknowns (M, k) of some rows and these rows, and returns the closures
+    (M, t) and their derivatives (M, t, k). `start` is (N, k), `levers_mm` (k,).
+    """
+    unknowns, is_solved = start.copy(), np.zeros(len(start), dtype=bool)
+    active = np.arange(len(start))
+    for _ in range(MOST_ROUNDS):
+        if not len(active):
+            break
+        residual, by_unknowns = differentiate(unknowns[active], active)
+        usable = np.isfinite(residual).all(axis=1) & np.isfinite(by_unknowns).all(axis=(1, 2))
+        active, residual, by_unknowns = active[usable], residual[usable], by_unknowns[usable]
+        if by_unknowns.shape[1] == by_unknowns.shape[2]:
+            # without the 1e-14 one singular row would raise an exception for all rows
+            regular = by_unknowns + 1e-14 * np.eye(by_unknowns.shape[1])
+            step = -np.linalg.solve(regular, residual[..., None])[..., 0]
+        else:
+            step = -(np.linalg.pinv(by_unknowns) @ residual[..., None])[..., 0]
+        size_mm = np.abs(step * levers_mm).max(axis=1)
+        unknowns[active] += step / np.maximum(size_mm / STEP_MM, 1.0)[:, None]
+        has_arrived = size_mm < CONVERGED_MM
+        is_solved[active] = has_arrived & (np.abs(residual).max(axis=1) < CLOSED_MM)
+        active = active[~has_arrived]
+    return unknowns, is_solved

@@ -1,0 +1,75 @@
+"""Rotations of platforms by rotation vectors: an axis times its angle, rad, in the base frame.
+
+Vectors of all arms are sequences of x, y, z, each (…, N, n). Functions that closures call keep
+complex numbers, so that derivatives can be taken by steps into the imaginary direction.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from campaigns.arrays import Array
+
+SMALL_SQUARE = 1e-8
+"""Square of an angle below which the series of its sine is as exact as the sine."""
+
+
+# Rodrigues' formula: R v = v + s ω×v + c ω×(ω×v), with s = sin φ / φ, c = (1 - cos φ) / φ² and
+# φ = |ω|. φ itself is no derivative of ω at 0, but s and c are series of φ².
+def turned_by(turns: Array, vectors: Sequence[Array]) -> list[Array]:
+    """Return x, y, z (…, N, n) of vectors (…, n) turned by rotation vectors (…, N, 3)."""
+    axis = [turns[..., place, None] for place in range(3)]
+    square = axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2
+    sine, rest = _factors(square)
+    first = _cross(axis, vectors)
+    second = _cross(axis, first)
+    return [v + sine * f + rest * s for v, f, s in zip(vectors, first, second, strict=True)]
+
+
+def matrices_of(turns: Array) -> Array:
+    """Return the rotation matrices (…, 3, 3) of rotation vectors (…, 3)."""
+    columns = turned_by(turns, list(np.eye(3)))
+    return np.stack(columns, axis=-2)
+
+
+# The turn between two frames that differ by the angle φ about the unit vector n: half the sum of
+# the products of their axes is sin φ n, which is 0 where the frames agree, and smooth there.
+def turn_between(first: Array, second: Array) -> Array:
+    """Return a turn (…, 3) from the first rotation matrices (…, 3, 3) to the second, rad.
+
+    It is a rotation vector with the sine of the angle as its length: exact for small turns.
+    """
+    pairs = zip(np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0), strict=True)
+    crossed = [_cross(np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)) for a, b in pairs]
+    return np.asarray(0.5 * np.stack([sum(parts) for parts in zip(*crossed, strict=True)], axis=-1))
+
+
+# A rotation vector's change dω is no turn: the body turns by J dω, with
+# J = 1 + c [ω]× + d [ω]×², c = (1 - cos φ) / φ² and d = (φ - sin φ) / φ³ (Chirikjian 2011, ch. 10).
+def turns_of_changes(turns: Array) -> Array:
+    """Return the matrices J (N, 3, 3) from changes of rotation vectors (N, 3) to turns, rad.
+
+    The turns are about the base's axes.
+    """
+    skew = np.stack([_cross(turns.T, list(row)) for row in np.eye(3)], axis=-1)  # (3, N, 3)
+    skew = np.moveaxis(skew, 0, 1)
+    square = (turns**2).sum(axis=1)
+    sine, rest = _factors(square)
+    is_small = square < SMALL_SQUARE
+    cubic = np.where(is_small, 1.0 / 6.0, (1.0 - sine) / np.where(is_small, 1.0, square))
+    return np.asarray(
+        np.eye(3) + rest[:, None, None] * skew + cubic[:, None, None] * (skew @ skew)
+    )
+
+
+def _factors(square: Array) -> tuple[Array, Array]:
+    """Return sin φ / φ and (1 - cos φ) / φ² of squared angles φ²."""
+    is_small = np.abs(square) < SMALL_SQUARE
+    angle = np.sqrt(np.where(is_small, 1.0, square))
+    sine = np.where(is_small, 1.0 - square / 6.0, np.sin(angle) / angle)
+    rest = np.where(is_small, 0.5 - square / 24.0, (1.0 - np.cos(angle)) / angle**2)
+    return sine, rest
+
+
+def _cross(a: Sequence[Array], b: Sequence[Array]) -> list[Array]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
