@@ -54,7 +54,7 @@ from campaigns.identification.result import RecordedIdentification, read_identif
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Event, Finding, FindingKind, PairVoided, Rejected, Stage
 from campaigns.journal.views import Series
-from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.planning.plan_file import PlannedShot, plan_difference, plan_digest
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.shots.shot_sets import ShotSet
@@ -76,7 +76,7 @@ class MeasuredSeries:
     """Series with its accepted shots as arrays, made at first use."""
 
     series: Series
-    mechanism: ClosedChain
+    mechanism: Mechanism
 
     @cached_property
     def shots(self) -> Shots:
@@ -620,6 +620,7 @@ def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
         shots=shots,
         before=before,
         after=after,
+        points=nominal.points,
         sessions=identification is not None and bool(identification.value.sessions),
     )
 

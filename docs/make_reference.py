@@ -21,7 +21,7 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from app.main import COMMANDS, app
-from campaigns.kinematics.catalog import MECHANISMS
+from campaigns.kinematics.catalog import FAMILY
 from campaigns.robots.schema import contents_model
 from campaigns.settings.config import CampaignConfig
 from sim.scenarios.schema import Scenario
@@ -36,9 +36,9 @@ Every option, from the commands' own help: `docs/make_reference.py` writes this 
 `pkmcal COMMAND --help` also explains how the command works, with examples.
 """
 TYPES = {"string": "text", "boolean": "true, false", "array": "list", "object": "mapping"}
-CRANKS = tuple(name for name, chain in MECHANISMS.items() if chain.joints[0].is_revolute)
-RAILS = tuple(name for name in MECHANISMS if name not in CRANKS)
-GROUPS = {tuple(MECHANISMS): "all", CRANKS: "cranks", RAILS: "rails"}
+CRANKS = tuple(name for name, chain in FAMILY.items() if chain.joints[0].is_revolute)
+RAILS = tuple(name for name in FAMILY if name not in CRANKS)
+GROUPS = {tuple(FAMILY): "all", CRANKS: "cranks", RAILS: "rails"}
 SHARED_BY = 3  # commands from which on an option of one meaning is described once, at the top
 
 
@@ -126,7 +126,7 @@ def wording(text: str) -> str:
 def robot_rows() -> Iterator[tuple[str, ...]]:
     """Yield the keys of robot files of all mechanisms, each with the mechanisms that have it."""
     owners: dict[tuple[str, str, str], list[str]] = {}
-    for name in MECHANISMS:
+    for name in FAMILY:
         for key, value, meaning in keys_of(contents_model(name, DOCS).model_json_schema()):
             words = re.sub("^[XYZ] of", "Place of", meaning).removesuffix(f": {name}")
             owners.setdefault((key, value, words), []).append(name)

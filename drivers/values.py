@@ -83,18 +83,21 @@ def inner_units(coordinates: Sequence[Coordinate], values: Sequence[float]) -> t
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """The controlled point in the base frame, and the platform's turn where it turns."""
+    """The controlled point in the base frame, and the platform's turns where it turns."""
 
     x_mm: float
     y_mm: float
     z_mm: float
     theta_rad: float | None = None
+    """Turn about z of a platform with one turn."""
+    rotation_rad: Vector3 | None = None
+    """Rotation vector, in the base frame, of a platform with three turns."""
 
     @property
     def coordinates(self) -> tuple[float, ...]:
         """Task coordinates in the order of the mechanism's axes, mm and rad."""
-        position = (self.x_mm, self.y_mm, self.z_mm)
-        return position if self.theta_rad is None else (*position, self.theta_rad)
+        turns = self.rotation_rad or (() if self.theta_rad is None else (self.theta_rad,))
+        return (self.x_mm, self.y_mm, self.z_mm, *turns)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from app.options import REFLECTOR_HELP, REFLECTOR_METAVAR, ask_reflector, read_p
 from campaigns.errors import OptionsInvalid
 from campaigns.files.text_file import refuse_existing
 from campaigns.files.wording import suggestion
-from campaigns.kinematics.catalog import MECHANISMS
+from campaigns.kinematics.catalog import FAMILY
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.next_step import NextStep
 from campaigns.robots.robot import with_reflector, write_new_robot
@@ -26,7 +26,7 @@ def _length(text: str) -> typer.models.OptionInfo:
     return cast("typer.models.OptionInfo", typer.Option(metavar="MM", help=text))
 
 
-Kind = Annotated[str, typer.Argument(metavar="MECHANISM", help=f"One of {', '.join(MECHANISMS)}.")]
+Kind = Annotated[str, typer.Argument(metavar="MECHANISM", help=f"One of {', '.join(FAMILY)}.")]
 Base = Annotated[float, _length("Radius on which the motors or rails stand.")]
 Platform = Annotated[
     float,
@@ -114,9 +114,9 @@ def command(
 
 def _find_mechanism(word: str) -> ClosedChain:
     """Return the mechanism of a name; raise `OptionsInvalid` for an unknown one."""
-    if word in MECHANISMS:
-        return MECHANISMS[word]
-    raise OptionsInvalid(f"mechanism '{word}' is not known", remedy=suggestion(word, MECHANISMS))
+    if word in FAMILY:
+        return FAMILY[word]
+    raise OptionsInvalid(f"mechanism '{word}' is not known", remedy=suggestion(word, FAMILY))
 
 
 def _check(sizes: Sizes, travel: float | None, kind: ClosedChain) -> None:

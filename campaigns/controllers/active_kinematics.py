@@ -11,7 +11,7 @@ from pathlib import Path
 
 from campaigns.errors import ConfigInvalid
 from campaigns.files.text_file import replace_text
-from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import RobotDocument, compensated, pose_row, read_robot
 from drivers.errors import LimitViolation
@@ -56,7 +56,7 @@ class HeldParameters:
 
 
 def joints_of_pose(
-    mechanism: ClosedChain, parameters: Mapping[str, float], pose: Pose
+    mechanism: Mechanism, parameters: Mapping[str, float], pose: Pose
 ) -> tuple[float, ...]:
     """Return the joints of a pose as encoders read them, rad or mm.
 

@@ -1,6 +1,6 @@
 """Model errors: how far the measured shots are from the nominal and from the identified model."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -19,6 +19,8 @@ class ModelledShots:
     shots: Shots
     before: Array
     after: Array | None
+    points: Callable[[Array], Array]
+    """Where the measured point is in the base frame, (N, 3), at poses (N, t)."""
     sessions: bool = False
     """Whether each session has a frame of its own."""
 
@@ -79,7 +81,7 @@ def pair_errors(modelled: ModelledShots, purpose: ShotSet) -> Residuals | None:
     measured_mm = shots.measured_distances_mm(rows)
 
     def errors_by(poses: Array) -> Array:
-        return distances_mm(poses[:, :3], first, second) - measured_mm
+        return distances_mm(modelled.points(poses), first, second) - measured_mm
 
     return Residuals(
         tuple(shots.pairs[row] or 0 for row in first.tolist()),
@@ -97,9 +99,9 @@ def position_errors(modelled: ModelledShots) -> PositionErrors | None:
     for rows in modelled.rows_by_frame():
         points = shots.points_in_tracker_mm[rows]
         with suppress(ValueError):  # points on one line fix no frame
-            before[rows] = _position_errors(modelled.before[rows], points)
+            before[rows] = _position_errors(modelled.points(modelled.before[rows]), points)
             if modelled.after is not None:
-                after[rows] = _position_errors(modelled.after[rows], points)
+                after[rows] = _position_errors(modelled.points(modelled.after[rows]), points)
     rows = np.flatnonzero(~np.isnan(before[:, 0]))
     if len(rows) == 0:
         return None
@@ -112,6 +114,6 @@ def position_errors(modelled: ModelledShots) -> PositionErrors | None:
     )
 
 
-def _position_errors(poses: Array, points: Array) -> Array:
+def _position_errors(modelled: Array, points: Array) -> Array:
     """Return measured minus modelled positions (N, 3) in the base frame, after the best fit."""
-    return np.asarray(fit_transform(points, poses[:, :3]).apply(points) - poses[:, :3])
+    return np.asarray(fit_transform(points, modelled).apply(points) - modelled)

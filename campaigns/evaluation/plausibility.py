@@ -243,7 +243,7 @@ def _check_crossbar(
     costs = [reading.cost for reading in as_written]
     place = costs.index(min(costs))
     _, robot = halves[place]
-    is_middle = [not model.mechanism.platform.arms_at_point for model in (nominal, robot)]
+    is_middle = [model.mechanism.is_between_halves for model in (nominal, robot)]
     best = as_written[place]
     if best.cost <= min(BETTER_BY * unchanged.cost, PLAUSIBLE_MISFIT) and any(is_middle):
         raise _refusal_by([best], where)
@@ -292,16 +292,9 @@ def _is_line(points: Array) -> bool:
 
 def _halves(nominal: Kinematics) -> Iterator[tuple[Causes, Kinematics]]:
     """Yield the robot as its file says, then with the reflector on other parts of the plate."""
-    # A Par4's controlled point is on half 1, so only the halves differ; an H4's is in the middle
-    # of the crossbar, a third place (None). Platforms of one part have nothing to confuse.
     yield (), nominal
-    written, controlled = nominal.mechanism.platform, nominal.mechanism.seen_from(None).platform
-    if not controlled.has_two_parts:
-        return
-    for half in (1, 2) if controlled.arms_at_point else (None, 1, 2):
+    for half in nominal.mechanism.halves:
         seen = nominal.mechanism.seen_from(half)
-        if seen.platform == written:
-            continue
         cause = "the reflector seems to be in the middle of the crossbar"
         remedy = "delete reflector_half in robot.yaml"
         if half is not None:
@@ -343,8 +336,7 @@ def _check_arms(
     if not off_mm >= ROUGH_PLACE_MM:  # NaN, of points on a line, shows nothing either
         return
     # A platform of two parts comes back to itself after half a turn only.
-    two_parts = nominal.mechanism.seen_from(None).platform.has_two_parts
-    turns = (arms // 2,) if two_parts else range(1, arms)
+    turns = (arms // 2,) if nominal.mechanism.halves else range(1, arms)
     for step, (on_half, robot) in product(turns, _halves(nominal)):
         order = tuple((arm - step) % arms for arm in range(arms))
         words = " and ".join(_joint_words(order, (1.0,) * arms))
@@ -388,7 +380,7 @@ def _readings(
     #    fewer than five shots left is no candidate.
     # 3. Read the points as they are and mirrored, each in the written unit and in the likeliest.
     solution = robot.forward(np.concatenate([*meant.values()]))
-    positions_by_causes = np.split(solution.values[:, :3], len(meant))
+    positions_by_causes = np.split(robot.points(solution.values), len(meant))
     is_solved_by_causes = np.split(solution.is_solved, len(meant))
     for of_joints, positions, is_solved in zip(
         meant, positions_by_causes, is_solved_by_causes, strict=True

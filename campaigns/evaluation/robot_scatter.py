@@ -82,5 +82,7 @@ class RobotScatter:
         covariance = np.tile(self.point_mm**2 * np.eye(3), (len(shots), 1, 1))
         if self.kinematics is None or self.joint == 0.0 or not len(shots):
             return covariance
-        by_joint = self.kinematics.joint_jacobian(shots.joints, shots.commanded)[:, :3]
+        by_joint = self.kinematics.mechanism.point_rows(
+            shots.commanded, self.kinematics.joint_jacobian(shots.joints, shots.commanded)
+        )
         return np.asarray(covariance + self.joint**2 * by_joint @ by_joint.swapaxes(1, 2))

@@ -369,7 +369,8 @@ def evaluate_validation(
     #    in common (scale, axes): that part needs the points as the tracker saw them.
     # 2. Bring points and covariances into the base frame, if it can be fitted. The pairs are spread
     #    over the workspace; lines and repeated poses would pull the frame towards their few places.
-    commanded, points = shots.commanded, shots.points_in_tracker_mm
+    commanded = np.column_stack([shots.commanded_points_mm, shots.commanded[:, 3:]])
+    points = shots.points_in_tracker_mm
     covariance, pairs = shots.covariance_mm2(instrument), shots.rows_of(ShotSet.VALIDATION)
     scatter = scatter_of_visits(shots) if scatter is None else scatter
     whole = shots.whole_pairs(ShotSet.VALIDATION)
@@ -412,7 +413,7 @@ def scatter_of_visits(shots: Shots) -> RobotScatter:
     if len(one_pose) > 1:
         return RobotScatter.of_visits([points[one_pose]])
     return RobotScatter.of_visits(
-        [points[cube[rows]] for rows in _rows_by_pose(shots.commanded[cube, :3])]
+        [points[cube[rows]] for rows in _rows_by_pose(shots.commanded_points_mm[cube])]
     )
 
 

@@ -325,7 +325,7 @@ class ErrorModel:
         """
         mechanism, table = robot.mechanism, robot.mechanism.parameters
         by_p = mechanism.jacobian(robot.p, observations.joints, unknowns, observations.approach)
-        by_p = by_p[:, :3]
+        by_p = mechanism.point_rows(unknowns, by_p)
         by_joint = by_p[..., table.columns["joint_offset"]]  # an offset moves as its joint does
         if self.with_growth:
             grown = mechanism.growth_columns(robot.p, by_p, observations.joints)
@@ -383,7 +383,7 @@ class ErrorModel:
         if robot.frame_moves.any():
             turns = rotations_by(MRAD * robot.frame_moves[:, :3]) @ turns
             shifts = shifts + robot.frame_moves[:, 3:]
-        turned = (turns @ robot.assembly.poses[:, :3, None])[..., 0]
+        turned = (turns @ robot.assembly.points[..., None])[..., 0]
         by, predicted = turns @ robot.by, turned + shifts
         for source, column in tracker_columns(observations.points).items():
             if source in self.names:
@@ -468,6 +468,7 @@ class _Assembled:
             Assembly(
                 np.concatenate(unknowns)[order],
                 np.concatenate([assembly.poses for assembly in assemblies])[order],
+                np.concatenate([assembly.points for assembly in assemblies])[order],
                 np.concatenate([assembly.is_solved for assembly in assemblies])[order],
             ),
             np.concatenate([part.by_unknowns for part in parts])[order],
@@ -477,9 +478,7 @@ class _Assembled:
 
 def shift_points(assembly: Assembly, shifts: Array) -> Assembly:
     """Return an assembly whose points are shifted (N, 3), such as by parts that have grown."""
-    poses = assembly.poses.copy()
-    poses[:, :3] += shifts
-    return replace(assembly, poses=poses)
+    return replace(assembly, points=assembly.points + shifts)
 
 
 def frame_columns(turned: Array) -> Array:

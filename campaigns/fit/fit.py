@@ -409,7 +409,7 @@ def _from_nominal(model: ErrorModel, observations: Observations, prior: Prior) -
     """Return the fit before its first step: nominal or the prior's mean, in the best frames."""
     _, assembly = model.positions(np.zeros(len(model.names)), observations, observations.near)
     usable = assembly.is_solved
-    frames, is_near = first_frames(observations, assembly.poses[:, :3], usable)
+    frames, is_near = first_frames(observations, assembly.points, usable)
     observations = _with_substitutes(observations, usable)
     at = model.predict(np.zeros(model.size), frames, observations, observations.near)
     noise = noise_parts(model, observations, at.by_joint)

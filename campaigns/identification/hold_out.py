@@ -80,7 +80,8 @@ def unseen_pairs(
     rows = pairs[usable & can_be_taken]
     if not len(rows):
         return UnseenPairs(rows, None, None, lost)
-    table = distance_errors(shots, rows, at_nominal.values, identified.values)
+    before, after = map(fit.model.nominal.points, (at_nominal.values, identified.values))
+    table = distance_errors(shots, rows, before, after)
     return _predicted_pairs(fit, table, rows, observations, lost)
 
 
@@ -128,11 +129,11 @@ def _predicted_pairs(
 
 
 def distance_errors(shots: Shots, rows: Index, before: Array, after: Array) -> ResidualTable:
-    """Return modelled minus measured distances of pairs (M, 2), by poses (N, t) of all shots."""
+    """Return modelled minus measured distances of pairs (M, 2), by points (N, 3) of all shots."""
     measured = shots.measured_distances_mm(rows)
     errors = (
-        (distances_mm(poses[:, :3], rows[:, 0], rows[:, 1]) - measured)[:, None]
-        for poses in (before, after)
+        (distances_mm(points, rows[:, 0], rows[:, 1]) - measured)[:, None]
+        for points in (before, after)
     )
     numbers = [shots.pairs[row] or 0 for row in rows[:, 0].tolist()]
     return ResidualTable.from_arrays("pairs", numbers, *errors)

@@ -106,10 +106,11 @@ def identify_as_paper(
     nominal_poses = at_nominal.values
     solution = identified.forward(shots.joints, nominal_poses, shots.approach)
     poses = solution.values
-    fitted = distance_errors(shots, rows, nominal_poses, poses)
+    points = identified.points(nominal_poses), identified.points(poses)
+    fitted = distance_errors(shots, rows, *points)
     unseen = None
     if len(validation):
-        unseen = distance_errors(shots, validation, nominal_poses, poses)
+        unseen = distance_errors(shots, validation, *points)
     counted = np.union1d(rows, validation)
     counted = counted[solution.is_solved[counted]]
     std = np.sqrt(np.diag(covariance)).tolist()
@@ -150,7 +151,8 @@ class _Distances:
     def residual(self, x: Array) -> Array:
         """Return modelled minus measured distances (M,), mm."""
         poses = self.robot(x).forward(self._shots.joints, self._near, self._shots.approach)
-        modelled = distances_mm(poses.values_or_raise()[:, :3], self._first, self._second)
+        points = self._nominal.points(poses.values_or_raise())
+        modelled = distances_mm(points, self._first, self._second)
         return modelled - self._measured
 
     def jacobian(self, x: Array) -> Array:
@@ -158,8 +160,8 @@ class _Distances:
         robot, shots = self.robot(x), self._shots
         # A small motion of an end changes a distance by its component along the pair's line.
         poses = robot.forward(shots.joints, self._near, shots.approach).values_or_raise()
-        by = robot.jacobian(shots.joints, poses, shots.approach)[:, :3, self._places]
-        along = directions(poses[:, :3], self._first, self._second)
+        by = robot.point_jacobian(shots.joints, poses, shots.approach)[..., self._places]
+        along = directions(robot.points(poses), self._first, self._second)
         return np.asarray(np.einsum("mk,mkf->mf", along, by[self._second] - by[self._first]))
 
 

@@ -73,7 +73,7 @@ def uncertainty_of_positions(
         np.vstack([at_sample, shots.joints]), np.vstack([sample, shots.near])
     )
     robot = fit.model.robot_at(fit.at.x, both, both.near)
-    positions = robot.assembly.poses[:, :3]
+    positions = robot.assembly.points
     if not robot.assembly.is_solved.all():
         return Uncertainty()
     covariance = fit.covariance[: fit.model.size, : fit.model.size]
@@ -125,8 +125,8 @@ def std_of_positions(
     joints = robot.inverse(both).values_or_raise()
     table = robot.mechanism.parameters
     places = table.places(covariance.names)
-    by = robot.jacobian(joints, both)[:, :3, places] * table.file_unit[places]
-    std = position_std_mm(without_frame(by, both[:, :3]), covariance.array)
+    by = robot.point_jacobian(joints, both)[..., places] * table.file_unit[places]
+    std = position_std_mm(without_frame(by, robot.points(both)), covariance.array)
     return covariance.hold_out_ratio * std[: len(poses)]
 
 

@@ -23,7 +23,7 @@ from campaigns.fit.rigid_transforms import Transform, from_paper_angles, paper_a
 from campaigns.identification import views
 from campaigns.identification.findings import HOLD_OUT, Finding, HoldOut
 from campaigns.journal.records import adapter_of, read_body
-from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import Parameters
 from campaigns.shots.shot_sets import ShotSet
@@ -337,7 +337,7 @@ class Value:
         """Return the identified parameters by name."""
         return {name: parameter.value for name, parameter in self.parameters.items()}
 
-    def parameter_set(self, mechanism: ClosedChain) -> Parameters:
+    def parameter_set(self, mechanism: Mechanism) -> Parameters:
         """Return the identified set with the ripples' rate of the robot that was fitted.
 
         Parameter files and checks name the set that they belong to by its digest.

@@ -33,7 +33,6 @@ from campaigns.kinematics.parameters import (
     RIPPLES_PER_TURN,
     ParameterField,
     ParameterTable,
-    Role,
 )
 from campaigns.kinematics.rotations import turned_by, turns_of_changes
 
@@ -61,6 +60,8 @@ class Assembly:
     where no assembly is found."""
     poses: Array
     """Poses of the controlled point, of plates with parts those of the measured point, (N, t)."""
+    points: Array
+    """Places of the measured point in the base frame, (N, 3)."""
     is_solved: Mask
     """Rows with an assembly, (N,)."""
 
@@ -527,7 +528,7 @@ class ImplicitMechanism(Mechanism):
         poses = np.zeros((len(joints), len(self.task)))
         poses[:, moving] = found
         poses[~is_solved] = np.nan
-        return Assembly(poses, poses.copy(), is_solved)
+        return Assembly(poses, poses.copy(), self.points(poses), is_solved)
 
     @override
     def inverse(self, p: Array, poses: Array, approach: Array | None = None) -> tuple[Array, Mask]:
@@ -598,9 +599,7 @@ class ImplicitMechanism(Mechanism):
         by_pose /= np.linalg.norm(by_pose, axis=-1, keepdims=True)
         value[has_joints] = np.linalg.svd(by_pose, compute_uv=False)[:, -1]
         count = len(poses)
-        return Margins(
-            value, np.zeros((count, 0)), np.ones(count), np.zeros(count, dtype=np.bool_)
-        )
+        return Margins(value, np.zeros((count, 0)), np.ones(count), np.zeros(count, dtype=np.bool_))
 
 
 def closures(*parts: Array) -> Array:

@@ -415,7 +415,8 @@ class ClosedChain(Mechanism):
             start = None if near is None else near[rows]
             y[rows], is_solved[rows] = self._assemble_chunk(geometry, true[rows], start)
         y[~is_solved] = np.nan
-        return Assembly(y, self._poses_with_sag(geometry, y), is_solved)
+        poses = self._poses_with_sag(geometry, y)
+        return Assembly(y, poses, self.points(poses), is_solved)
 
     def _poses_with_sag(self, geometry: Geometry, y: Array) -> Array:
         """Return the poses (N, t) of a plate whose unknowns y (N, k) leave its sag out."""

@@ -126,6 +126,16 @@ class Kinematics:
         signs = self._signs(approach)
         return self.mechanism.jacobian(self.p, self._joints(joints), self._poses(poses), signs)
 
+    def points(self, poses: Array) -> Array:
+        """Return the places (N, 3) of the measured point in the base frame, at poses (N, t)."""
+        return self.mechanism.points(poses)
+
+    def point_jacobian(
+        self, joints: ArrayLike, poses: Array, approach: ArrayLike | None = None
+    ) -> Array:
+        """Return d(measured point)/dp (N, 3, P) at fixed joints, of poses (N, t) there."""
+        return self.mechanism.point_rows(poses, self.jacobian(joints, poses, approach))
+
     # A joint's offset δ adds to its true angle: dX/dq = dX/dδ · (d true/dq). The second factor
     # differs from 1 by the slope of the transmission's errors alone.
     def joint_jacobian(

@@ -57,9 +57,7 @@ def turns_of_changes(turns: Array) -> Array:
     sine, rest = _factors(square)
     is_small = square < SMALL_SQUARE
     cubic = np.where(is_small, 1.0 / 6.0, (1.0 - sine) / np.where(is_small, 1.0, square))
-    return np.asarray(
-        np.eye(3) + rest[:, None, None] * skew + cubic[:, None, None] * (skew @ skew)
-    )
+    return np.asarray(np.eye(3) + rest[:, None, None] * skew + cubic[:, None, None] * (skew @ skew))
 
 
 def _factors(square: Array) -> tuple[Array, Array]:

@@ -201,7 +201,7 @@ class Gate:
         if not solution.is_solved.all():
             problem = "the robot's model cannot be assembled at the joints that were read"
             return GateDecision(None, None, problem)
-        positions_mm = solution.values[:, :3]
+        positions_mm = robot.points(solution.values)
         points_mm = np.array([outcome.point_in_tracker_mm for outcome in compared])
         modelled, measured = (
             np.linalg.norm(places[:-1] - places[-1], axis=1) for places in (positions_mm, points_mm)
@@ -263,7 +263,7 @@ def _gauss_newton_step(
     #    is 0 ± 1 tolerance, the frame's six are free: five shots suffice, and what they do not show
     #    stays uncertain.
     size = len(x)
-    frame = fit_transform(poses[:, :3], observations.points)
+    frame = fit_transform(model.nominal.points(poses), observations.points)
     at = model.predict(x, (frame,), observations, poses)
     noise = noise_parts(model, observations, at.by_joint)
     shots = np.ones(len(observations))

@@ -223,7 +223,7 @@ def _tracker_from_base(nominal: Kinematics, outcomes: Sequence[Outcome]) -> Arra
 
 def _positions(nominal: Kinematics, joints: Array) -> Array:
     """Return the positions (N, 3) in the base frame; raise `NoSolution`."""
-    return np.asarray(nominal.forward(joints).values_or_raise()[:, :3])
+    return nominal.points(nominal.forward(joints).values_or_raise())
 
 
 def _derivatives(nominal: Kinematics, joints: Array) -> Array:
@@ -231,4 +231,4 @@ def _derivatives(nominal: Kinematics, joints: Array) -> Array:
     # A joint acts on the pose as the offset of its encoder does, whose columns the Jacobian has.
     poses = nominal.forward(joints).values_or_raise()
     offsets = nominal.mechanism.parameters.columns["joint_offset"]
-    return np.asarray(nominal.jacobian(joints, poses)[:, :3][:, :, offsets])
+    return np.asarray(nominal.point_jacobian(joints, poses)[..., offsets])

@@ -124,7 +124,7 @@ def linearised_plan(
     # Points as the nominal robot shows them, so residuals are zero. How the tracker's frame is
     # turned is not known before a run, nor does it matter: the fit has its turn as an unknown.
     observations = Observations.unmeasured(joints, poses, approach)
-    observations = replace(observations, points=poses[:, :3] - tracker_mm)
+    observations = replace(observations, points=model.nominal.points(poses) - tracker_mm)
     frame = Transform(np.eye(3), -tracker_mm)
     return model.predict(np.zeros(len(model.names)), (frame,), observations, poses)
 
@@ -172,4 +172,4 @@ def judged_at(model: ErrorModel, kinematics: Kinematics, joints: Array, poses: A
     """Return derivatives (N, 3, P) of positions at joints (N, n) and poses (N, t)."""
     observations = Observations.unmeasured(joints, poses)
     derivatives, _ = model.robot_columns(kinematics, observations, poses)
-    return without_frame(derivatives, poses[:, :3])
+    return without_frame(derivatives, kinematics.points(poses))

@@ -19,7 +19,7 @@ from campaigns.errors import CampaignError, PlanInvalid, WriteFailed
 from campaigns.files.csv_file import CsvColumn, CsvForm, CsvRow, parse_csv, whole_column
 from campaigns.files.text_file import read_text, replace_text
 from campaigns.journal.records import Intent
-from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.robots.robot import pose_of
 from campaigns.shots import columns
 from campaigns.shots.shot_sets import ShotSet
@@ -50,7 +50,7 @@ class PlannedShot:
     """Fixed place whose reflector is measured while the robot stands; "": the robot's reflector."""
 
 
-def plan_form(mechanism: ClosedChain) -> CsvForm:
+def plan_form(mechanism: Mechanism) -> CsvForm:
     """Return the columns of a robot's plan: its pose, then its joints."""
     return CsvForm(
         (
@@ -65,18 +65,18 @@ def plan_form(mechanism: ClosedChain) -> CsvForm:
     )
 
 
-def read_plan(path: Path, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
+def read_plan(path: Path, mechanism: Mechanism) -> tuple[PlannedShot, ...]:
     """Read a plan in the order in which it will be run; raise `PlanInvalid`."""
     text = read_text(path, PlanInvalid, if_missing=REMEDY, most_bytes=CSV_BYTES)
     return parse_plan(text, str(path), mechanism)
 
 
-def write_plan(path: Path, shots: Sequence[PlannedShot], mechanism: ClosedChain) -> None:
+def write_plan(path: Path, shots: Sequence[PlannedShot], mechanism: Mechanism) -> None:
     """Write a plan, in place of an older one; raise `WriteFailed`."""
     replace_text(path, plan_text(shots, mechanism))
 
 
-def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: ClosedChain) -> None:
+def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: Mechanism) -> None:
     """Write a plan, and keep an older one as `plan-older-N.csv` with the first free number.
 
     If writing fails the older plan stays in its place. Raise `WriteFailed`.
@@ -90,13 +90,13 @@ def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: Clos
         raise
 
 
-def plan_digest(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
+def plan_digest(shots: Sequence[PlannedShot], mechanism: Mechanism) -> str:
     """Return the SHA-256 of the plan's text: equal before writing and after reading."""
     # Of the text as we write it, not of the file's bytes: the layout of a file means nothing.
     return hashlib.sha256(plan_text(shots, mechanism).encode("utf-8")).hexdigest()
 
 
-def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
+def plan_text(shots: Sequence[PlannedShot], mechanism: Mechanism) -> str:
     """Return the text of a plan's file."""
     task, joints = map(columns.axis_columns, (mechanism.task, mechanism.joints))
     return plan_form(mechanism).text(
@@ -114,7 +114,7 @@ def plan_text(shots: Sequence[PlannedShot], mechanism: ClosedChain) -> str:
     )
 
 
-def parse_plan(text: str, name: str, mechanism: ClosedChain) -> tuple[PlannedShot, ...]:
+def parse_plan(text: str, name: str, mechanism: Mechanism) -> tuple[PlannedShot, ...]:
     """Return the plan of a file's text; raise `PlanInvalid` with the line."""
     rows = list(parse_csv(text, name, plan_form(mechanism)))
     if not rows:
@@ -186,13 +186,13 @@ def _move_aside(path: Path) -> Path | None:
         ) from error
 
 
-def _shot_of(row: CsvRow, mechanism: ClosedChain) -> PlannedShot:
+def _shot_of(row: CsvRow, mechanism: Mechanism) -> PlannedShot:
     purpose = columns.shot_set(row)
     return PlannedShot(
         shot=row.value("shot"),
         purpose=purpose,
         pair=columns.pair_number(row, purpose),
-        pose=pose_of(row.values(columns.axis_columns(mechanism.task))),
+        pose=pose_of(columns.axis_values(row, mechanism.task)),
         joints=row.values(columns.axis_columns(mechanism.joints)),
         nest=columns.nest_name(row, purpose),
     )

@@ -29,9 +29,9 @@ from campaigns.errors import ConfigInvalid
 from campaigns.files import yaml_file
 from campaigns.files.text_file import read_text, write_new_text
 from campaigns.files.wording import suggestion
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.axes import Axis, Interval
 from campaigns.kinematics.catalog import PYTHON, find_mechanism
-from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.feasibility import Limits
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import Parameters, stated_rates
@@ -40,7 +40,7 @@ from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.schema import SCHEMA, RobotContents, Tolerance, contents_model
 from drivers.bounded_files import is_there
 from drivers.texts import nearest_word
-from drivers.values import Pose, Vector3
+from drivers.values import Pose, Vector3, vector
 
 FOR_SOME_CONTROLLERS = (
     "only a controller that computes plate tilt takes axis tilts and skews, as LinuxCNC with "
@@ -487,14 +487,13 @@ def _limits(mechanism: Mechanism, limits: yaml_file.FileModel) -> Limits:
         interval = values.get(key)
         return interval and (axis.from_file(interval[0]), axis.from_file(interval[1]))
 
-    of_joints = [convert(axis, f"joint_{axis.unit}") for axis in mechanism.joints]
-    ends: Any = tuple(zip(*filter(None, of_joints), strict=True))
-    if len({*of_joints}) == 1:
-        ends = of_joints[0]
+    of_joints = [convert(axis, f"joint_{axis.unit}") or (0.0, 0.0) for axis in mechanism.joints]
+    low, high = zip(*of_joints, strict=True)
+    of_all = of_joints[0] if len({*of_joints}) == 1 else (low, high)
     of_task = tuple(
         (0.0, 0.0) if axis.is_fixed else convert(axis, axis.column) for axis in mechanism.task
     )
-    return Limits(ends, of_task, math.radians(values.get("forearm_swing_deg", 0.0)))
+    return Limits(of_all, of_task, math.radians(values.get("forearm_swing_deg", 0.0)))
 
 
 def _home(limits: Limits, centre_mm: Vector3 | None) -> Array:
@@ -512,4 +511,7 @@ def pose_row(pose: Pose) -> Array:
 
 def pose_of(row: Iterable[float]) -> Pose:
     """Return the pose of task coordinates (t,), mm and rad."""
-    return Pose(*map(float, row))
+    x_mm, y_mm, z_mm, *turns = map(float, row)
+    if len(turns) == 3:
+        return Pose(x_mm, y_mm, z_mm, rotation_rad=vector(turns))
+    return Pose(x_mm, y_mm, z_mm, *turns)

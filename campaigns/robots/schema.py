@@ -26,9 +26,9 @@ from campaigns.files.yaml_file import (
     broken_rule,
 )
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.catalog import MECHANISMS, find_mechanism
-from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.parameters import OPTIONAL, Parameter, ParameterField
 from campaigns.kinematics.platforms import ON_PLATE
 
@@ -248,13 +248,18 @@ def contents_model(word: object, folder: Path) -> type[RobotContents]:
 @cache
 def _model_of(mechanism: Mechanism, word: str) -> type[RobotContents]:
     space = mechanism.parameters
-    fields = [(space.arm_fields(arm=k), space.arm_fields(*OPTIONAL, arm=k)) for k in range(space.arms)]
-    of_arm = {own: _make_model("ArmContents", **_definitions(*own)) for own in dict.fromkeys(fields)}
+    arms_fields = [
+        (space.arm_fields(arm=arm), space.arm_fields(*OPTIONAL, arm=arm))
+        for arm in range(space.arms)
+    ]
+    of_arm = {
+        own: _make_model("ArmContents", **_definitions(*own)) for own in dict.fromkeys(arms_fields)
+    }
     count, keys = COUNTS.get(space.arms, str(space.arms)), len(space.arm_fields())
     arms = Field(description=f"{count} arms, each with its {keys} keys")
     geometry = _make_model(
         "GeometryContents",
-        arms=(tuple[tuple(of_arm[own] for own in fields)], arms),  # type: ignore[misc]
+        arms=(tuple[tuple(of_arm[own] for own in arms_fields)], arms),  # type: ignore[misc]
         **_definitions(space.platform_fields(), space.platform_fields(*OPTIONAL)),
     )
     named = ", ".join(("arms", *(field.name for field in space.platform_fields())))
@@ -262,7 +267,7 @@ def _model_of(mechanism: Mechanism, word: str) -> type[RobotContents]:
     described = ", ".join(limits.model_fields)
     points: Any = tuple[(Point,) * space.arms]  # type: ignore[misc]
     joints: Definition = (
-        points | None,
+        points | None if mechanism.has_forearms else None,
         Field(default=None, description=f"{count} places, {JOINTS_ON_PLATE}"),
     )
     deviations = Annotated[Deviations, AfterValidator(partial(_check_names, names=space.of_robot))]

@@ -20,8 +20,8 @@ SETS = {purpose.value: purpose for purpose in ShotSet}
 
 
 def axis_columns(axes: Sequence[Axis]) -> tuple[str, ...]:
-    """Return the names of the columns of axes, as `q0_deg`."""
-    return tuple(axis.column for axis in axes)
+    """Return the names of the columns of axes, as `q0_deg`; fixed axes have none."""
+    return tuple(axis.column for axis in axes if not axis.is_fixed)
 
 
 def columns_of(axes: Sequence[Axis], *, required: bool = True) -> tuple[CsvColumn, ...]:
@@ -29,13 +29,19 @@ def columns_of(axes: Sequence[Axis], *, required: bool = True) -> tuple[CsvColum
     return tuple(
         (angle_column if axis.is_revolute else number_column)(axis.column, required=required)
         for axis in axes
+        if not axis.is_fixed
     )
+
+
+def axis_values(row: CsvRow, axes: Sequence[Axis]) -> tuple[float, ...]:
+    """Read the values of axes from their columns, rad or mm; 0 of a fixed axis."""
+    return tuple(0.0 if axis.is_fixed else float(row.value(axis.column)) for axis in axes)
 
 
 def axis_texts(axes: Sequence[Axis], values: Sequence[float]) -> list[str]:
     """Write values of axes, rad or mm, in the units of files."""
-    cells = zip(columns_of(axes), values, strict=True)
-    return [column.write(value) for column, value in cells]
+    moving = [value for axis, value in zip(axes, values, strict=True) if not axis.is_fixed]
+    return [column.write(value) for column, value in zip(columns_of(axes), moving, strict=True)]
 
 
 def joint_values(row: CsvRow, axes: Sequence[Axis], purpose: ShotSet) -> tuple[float, ...]:

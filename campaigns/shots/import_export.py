@@ -20,7 +20,7 @@ from campaigns.errors import ShotsInvalid
 from campaigns.journal import records
 from campaigns.journal.journal import Journal
 from campaigns.journal.views import AcceptedShot, Series
-from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import pose_of
 from campaigns.shots.shot_sets import pair_rows
@@ -200,7 +200,7 @@ def _poses(held: Kinematics, rows: Sequence[ShotRow]) -> Array:
 
 
 def exported_shots(
-    series: Series, shots: Sequence[AcceptedShot], mechanism: ClosedChain
+    series: Series, shots: Sequence[AcceptedShot], mechanism: Mechanism
 ) -> tuple[tuple[ShotRow, ...], tuple[int, ...]]:
     """Return a series' accepted shots as rows of a file, and the numbers of those left out.
 

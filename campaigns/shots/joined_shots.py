@@ -24,7 +24,7 @@ from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import CsvRow
 from campaigns.files.text_file import read_text
 from campaigns.files.wording import shown
-from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.shots.columns import axis_columns, check_pairs
 from campaigns.shots.point_files import NAME_JOINT, NamedPoint, PointFile
 from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, ShotSet
@@ -42,7 +42,7 @@ JointsRow = tuple[CsvRow, ShotRow]
 def join_shots(
     points: PointFile,
     joints: Path,
-    mechanism: ClosedChain,
+    mechanism: Mechanism,
     *,
     join: Join,
     default: ShotSet = ShotSet.IDENTIFICATION,
@@ -74,7 +74,7 @@ def join_shots(
     return shots, pair_note
 
 
-def holds_joints(path: Path, mechanism: ClosedChain) -> bool:
+def holds_joints(path: Path, mechanism: Mechanism) -> bool:
     """Return whether the first line of a file names columns that only shots.csv has."""
     with suppress(FileRefused):
         data = read_bounded(path, CSV_BYTES)

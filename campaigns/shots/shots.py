@@ -27,8 +27,8 @@ from campaigns.fit.rigid_transforms import distances_mm
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.journal.records import Outcome
 from campaigns.journal.views import AcceptedShot
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.axes import Axis
-from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import RobotFile
 from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, PairRows, ShotSet, pair_rows
@@ -96,6 +96,8 @@ class Shots:
     """Number of the session in which each shot was measured, (N,); 0 if not stated."""
     part_temperature_degC: Array = field(default_factory=lambda: np.zeros(0))
     """Temperature of the robot's parts, (N,); NaN where it is not known."""
+    commanded_points_mm: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    """Where the reflector is at the commanded poses, (N, 3), in the base frame."""
 
     def __post_init__(self) -> None:
         """Fill columns left out, and refuse columns of unequal length; raises `ValueError`."""
@@ -105,6 +107,7 @@ class Shots:
         neutral = {
             "session": np.zeros(count, dtype=np.intp),
             "part_temperature_degC": np.full(count, np.nan),
+            "commanded_points_mm": self.commanded[:, :3],
         }
         for name, column in neutral.items():
             if not len(getattr(self, name)):
@@ -168,6 +171,7 @@ class Shots:
             for pair in ([None] * count if pair_of is None else pair_of)
         )
         _require_pairs(purposes, pairs)
+        commanded = robot.kinematics.forward(rows).values
         return cls(
             numbers=tuple(range(count)),
             purposes=purposes,
@@ -176,7 +180,8 @@ class Shots:
             points_in_tracker_mm=points,
             stated_covariance_mm2=stated,
             approach=sides,
-            commanded=robot.kinematics.forward(rows).values,
+            commanded=commanded,
+            commanded_points_mm=robot.kinematics.points(commanded),
             measured_utc=tuple(columns.get("times") or [""] * count),
             temperature_degC=np.full(count, np.nan),
         )
@@ -376,7 +381,7 @@ def read_note(note: str) -> tuple[float | None, str | None]:
     return None if match["air"] is None else float(match["air"]), match["time"]
 
 
-def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: ClosedChain) -> Shots:
+def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: Mechanism) -> Shots:
     """Return the accepted shots of a series."""
     # The journal's time of an import is when it was imported; when it was measured, if the file
     # said so, is in its note.
@@ -400,7 +405,7 @@ def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: ClosedChain) -> S
 
 def shots_of_outcomes(
     outcomes: Sequence[Outcome],
-    mechanism: ClosedChain,
+    mechanism: Mechanism,
     *,
     purposes: Sequence[ShotSet],
     pairs: Sequence[int | None],
@@ -415,6 +420,8 @@ def shots_of_outcomes(
     count, joints = len(outcomes), len(mechanism.joints)
     in_journal = tuple(records) if all(records) else ()
     order = sorted(range(count), key=in_journal.__getitem__) if in_journal else range(count)
+    poses = [pose.coordinates for pose in targets]
+    commanded = np.array(poses).reshape(count, len(mechanism.task))
     return Shots(
         numbers=tuple(outcome.shot for outcome in outcomes),
         purposes=tuple(purposes),
@@ -423,9 +430,8 @@ def shots_of_outcomes(
         points_in_tracker_mm=_points_mm(outcomes),
         stated_covariance_mm2=_stated_covariance_mm2(outcomes),
         approach=approach_directions(outcomes, order, mechanism.joints),
-        commanded=np.array([pose.coordinates for pose in targets]).reshape(
-            count, len(mechanism.task)
-        ),
+        commanded=commanded,
+        commanded_points_mm=mechanism.points(commanded),
         measured_utc=("",) * count,
         temperature_degC=_or_nan(
             outcome.weather.temperature_degC if outcome.weather else None for outcome in outcomes
@@ -490,6 +496,7 @@ def shots_of_rows(rows: Sequence[ShotRow], nominal: Kinematics) -> Shots:
         stated_covariance_mm2=_stated_covariance_mm2(rows),
         approach=np.array(sides, dtype=np.float64).reshape(joints.shape),
         commanded=poses,
+        commanded_points_mm=nominal.points(poses),
         measured_utc=tuple(row.time or "" for row in rows),
         nests=tuple(row.nest for row in rows),
         temperature_degC=_or_nan(row.temperature_degC for row in rows),

@@ -26,8 +26,8 @@ from campaigns.files.csv_file import (
     whole_column,
 )
 from campaigns.files.text_file import read_text, write_text_unless_there
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.axes import Axis
-from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.shots import columns
 from campaigns.shots.shot_sets import ShotSet
 from drivers.bounded_files import CSV_BYTES
@@ -123,7 +123,7 @@ def in_unit(rows: Sequence[ShotRow], mm: float) -> Iterator[ShotRow]:
 
 
 def read_shots(
-    path: Path, mechanism: ClosedChain, default: ShotSet = ShotSet.IDENTIFICATION
+    path: Path, mechanism: Mechanism, default: ShotSet = ShotSet.IDENTIFICATION
 ) -> tuple[ShotRow, ...]:
     """Read measured shots of a robot, in the file's order; raise `ShotsInvalid`.
 
@@ -134,14 +134,14 @@ def read_shots(
 
 
 def write_shots(
-    path: Path, shots: Sequence[ShotRow], mechanism: ClosedChain, *, overwrite: bool = False
+    path: Path, shots: Sequence[ShotRow], mechanism: Mechanism, *, overwrite: bool = False
 ) -> None:
     """Write the file; raises `OutputExists` unless `overwrite`, or `WriteFailed`."""
     write_text_unless_there(path, shots_text(shots, mechanism), overwrite=overwrite)
 
 
 def parse_shots(
-    text: str, name: str, mechanism: ClosedChain, default: ShotSet = ShotSet.IDENTIFICATION
+    text: str, name: str, mechanism: Mechanism, default: ShotSet = ShotSet.IDENTIFICATION
 ) -> tuple[ShotRow, ...]:
     """Read the shots of a file's text; raise `ShotsInvalid` with the line."""
     rows = list(parse_csv(text, name, _form(mechanism)))
@@ -153,7 +153,7 @@ def parse_shots(
 
 
 def joints_rows(
-    text: str, name: str, mechanism: ClosedChain, default: ShotSet
+    text: str, name: str, mechanism: Mechanism, default: ShotSet
 ) -> Iterator[tuple[CsvRow, ShotRow]]:
     """Yield each row of a joints file, and its shot; the points are in another file.
 
@@ -164,12 +164,12 @@ def joints_rows(
         yield row, _shot_of(row, mechanism, default)
 
 
-def shots_text(shots: Sequence[ShotRow], mechanism: ClosedChain) -> str:
+def shots_text(shots: Sequence[ShotRow], mechanism: Mechanism) -> str:
     """Write the text of a file of shots, with the optional columns that any of them fills."""
     return _form(mechanism).text([_values_of(shot, mechanism) for shot in shots])
 
 
-def _form(mechanism: ClosedChain, *, with_points: bool = True) -> CsvForm:
+def _form(mechanism: Mechanism, *, with_points: bool = True) -> CsvForm:
     """Return the columns of shots.csv, or of a file of named joints."""
     points = [number_column(name, required=True) for name in columns.POINT_COLUMNS]
     # Other software writes the sides of joints as side0, side1, …: both names are read, ours is
@@ -193,12 +193,12 @@ def _form(mechanism: ClosedChain, *, with_points: bool = True) -> CsvForm:
     )
 
 
-def _turns(mechanism: ClosedChain) -> tuple[Axis, ...]:
+def _turns(mechanism: Mechanism) -> tuple[Axis, ...]:
     """Return the task axes that a tracker does not see."""
     return mechanism.task[len(columns.POINT_COLUMNS) :]
 
 
-def _shot_of(row: CsvRow, mechanism: ClosedChain, default: ShotSet) -> ShotRow:
+def _shot_of(row: CsvRow, mechanism: Mechanism, default: ShotSet) -> ShotRow:
     """Return the shot of a row; raise `ShotsInvalid` with its line."""
     # The set comes first: it decides whether pair, joints and nest must be filled or empty.
     purpose = columns.shot_set(row, default)
@@ -240,7 +240,7 @@ def _covariance_of(row: CsvRow) -> Matrix3 | None:
     return covariance
 
 
-def _values_of(shot: ShotRow, mechanism: ClosedChain) -> dict[str, object]:
+def _values_of(shot: ShotRow, mechanism: Mechanism) -> dict[str, object]:
     """Return the values of a shot by column."""
     covariance = shot.covariance_mm2
     upper = (*covariance[0], *covariance[1][1:], covariance[2][2]) if covariance else ()

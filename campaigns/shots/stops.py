@@ -55,6 +55,7 @@ def by_stops(shots: Shots, axes: Sequence[Axis]) -> Shots:
         pairs=_pairs_of_stops(shots, stops),
         joints=mean(shots.joints),
         commanded=mean(shots.commanded),
+        commanded_points_mm=mean(shots.commanded_points_mm),
         points_in_tracker_mm=mean(shots.points_in_tracker_mm),
         stated_covariance_mm2=mean(shots.stated_covariance_mm2) / counts[:, None, None],
     )

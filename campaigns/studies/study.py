@@ -118,7 +118,7 @@ def _simulate(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) ->
     # The recorded joints are those of the plan; the true robot is elsewhere at them. Its pose near
     # the commanded one is the assembly that the controller would drive.
     poses = robot.forward(setup.shots.joints, setup.shots.commanded, setup.shots.approach)
-    points = setup.tracker_from_base.apply(poses.values_or_raise()[:, :3])
+    points = setup.tracker_from_base.apply(robot.points(poses.values_or_raise()))
     points = points + _instrument_errors(model, true, points) + _draw_noise(setup, points, rng)
     # From here on as `identify`: only points, stated covariances and the nominal robot are used.
     covariance = point_covariance_mm2(points, setup.options.instrument)

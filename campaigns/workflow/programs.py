@@ -21,7 +21,7 @@ from campaigns.errors import PlanInvalid
 from campaigns.evidence import program_path
 from campaigns.files.csv_file import csv_text, fixed_text, number_text
 from campaigns.files.text_file import replace_text
-from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.measuring.work import Work
 from campaigns.options import ProgramOptions, ProgramStage, ValidationOptions
@@ -162,7 +162,7 @@ def _pose(held: Kinematics, joints: Sequence[float], near: Array | None = None) 
     return np.asarray(held.forward(np.array([joints]), start).values_or_raise()[0])
 
 
-def _joints_text(mechanism: ClosedChain, stops: Sequence[ProgramStop]) -> str:
+def _joints_text(mechanism: Mechanism, stops: Sequence[ProgramStop]) -> str:
     """Return the joints that each shot is commanded with, for `import --format ascii`."""
     axes = mechanism.joints
     rows = [
@@ -174,7 +174,7 @@ def _joints_text(mechanism: ClosedChain, stops: Sequence[ProgramStop]) -> str:
 
 
 def _program_text(
-    mechanism: ClosedChain, stops: Sequence[ProgramStop], heading: Sequence[str], dwell_s: float
+    mechanism: Mechanism, stops: Sequence[ProgramStop], heading: Sequence[str], dwell_s: float
 ) -> str:
     """Return the program as a CSV text, a row for each stop; the first row has the heading."""
     task, joints = mechanism.task, mechanism.joints

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from campaigns.kinematics.catalog import MECHANISMS
+from campaigns.kinematics.catalog import FAMILY
 from campaigns.robots.robot import find_robot, states_reflector
 
 SIZES = {
@@ -29,7 +29,7 @@ def made(tmp_path, pkmcal):
     return robot
 
 
-@pytest.mark.parametrize("mechanism", MECHANISMS)
+@pytest.mark.parametrize("mechanism", FAMILY)
 def test_a_file_is_a_robot_that_stands_in_the_middle_of_its_workspace(made, mechanism):
     code, document, _ = made(mechanism, SIZES[mechanism])
     assert code == 0
@@ -65,7 +65,7 @@ def test_sizes_that_make_no_robot_are_refused(made, tmp_path, mechanism, sizes, 
     assert not (tmp_path / "mine.yaml").exists()
 
 
-@pytest.mark.parametrize("mechanism", MECHANISMS)
+@pytest.mark.parametrize("mechanism", FAMILY)
 def test_a_file_has_the_joints_on_the_plate_and_a_reflector_that_is_stated(made, mechanism):
     code, document, _ = made(mechanism, f"{SIZES[mechanism]} --reflector -20,30,-45")
     assert code == 0

@@ -14,7 +14,7 @@ from typer.main import get_command
 from app.main import app, run_command
 from campaigns.controllers.corrected_targets import TargetCorrection, correct_poses
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
-from campaigns.kinematics.catalog import MECHANISMS
+from campaigns.kinematics.catalog import FAMILY
 from campaigns.planning.plan_file import parse_plan
 from campaigns.planning.plans import joints_of, poses_of
 from campaigns.robots.robot import RobotFile, find_robot, read_robot
@@ -104,7 +104,7 @@ def test_reference_pages_are_written_from_the_present_code():
 
 def test_table_of_error_sources_has_the_values_of_the_code():
     rows = (ROOT / "docs/explanation/model.md").read_text(encoding="utf-8").splitlines()
-    every = (own for chain in MECHANISMS.values() for own in chain.parameters.rows)
+    every = (own for chain in FAMILY.values() for own in chain.parameters.rows)
     units = {(own.field.group, own.unit) for own in every} | set(TRACKER_SOURCES.items())
     for group, own in SOURCES.items():
         angle, ratio = f"{math.degrees(own.of_angles):.3g}°", f"{1e6 * own.of_angles:.3g} ppm"

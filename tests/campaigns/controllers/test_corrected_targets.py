@@ -9,7 +9,7 @@ from campaigns.design.restricted_space import Rectangle, RestrictedSpace, Zone
 from campaigns.errors import TargetsInvalid
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.identification.result import ParameterCovariance
-from campaigns.kinematics.catalog import MECHANISMS
+from campaigns.kinematics.catalog import FAMILY
 from campaigns.kinematics.mechanism import Kinematics
 
 
@@ -18,7 +18,7 @@ def correction_of(member, **more):
 
 
 def test_every_mechanism_is_tried():
-    assert set(BY_NAME) == set(MECHANISMS)
+    assert set(BY_NAME) == set(FAMILY)
 
 
 @all_members

@@ -8,7 +8,7 @@ import pytest
 from hal_files import parameters_of
 
 from campaigns.controllers.linuxcnc_export import drawing_pins
-from campaigns.kinematics.catalog import MECHANISMS
+from campaigns.kinematics.catalog import FAMILY
 from campaigns.robots.robot import find_robot
 
 ROOT = Path(__file__).parents[3]
@@ -47,7 +47,7 @@ def test_example_has_the_robots_kinematics_and_joints_with_room_to_pass_their_li
         assert float(section["MAX_LIMIT"]) >= high + PASSING[joint.unit]
 
 
-@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize("name", FAMILY)
 def test_kinematics_module_names_its_pins_after_the_parameters(name):
     mechanism = find_robot("par4-prototype" if name == "par4" else name).robot.mechanism
     source = (EXAMPLES / "pkmkins" / "pkmkins.c").read_text()

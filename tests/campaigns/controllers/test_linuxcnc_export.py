@@ -12,7 +12,7 @@ from campaigns.controllers import linuxcnc_export
 from campaigns.controllers.active_kinematics import FILE_BEFORE, HeldParameters
 from campaigns.controllers.controller_state import KnownSets
 from campaigns.errors import ConfigInvalid
-from campaigns.kinematics.catalog import MECHANISMS
+from campaigns.kinematics.catalog import FAMILY
 from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import find_robot, parse_robot
 
@@ -53,7 +53,7 @@ def test_ripples_of_unlike_rates_are_refused_for_pkmkins_has_one():
         text_of(with_values(NOMINAL, gears | rates))
 
 
-@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize("name", FAMILY)
 def test_every_mechanism_is_written_in_full_doubles(name):
     nominal = find_robot("par4-prototype" if name == "par4" else name).robot
     names = nominal.mechanism.parameters.select(Role.EXTENSION)

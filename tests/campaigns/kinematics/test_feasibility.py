@@ -80,7 +80,10 @@ def test_too_small_a_margin_is_told_with_value_and_limit(margin):
     assert violations(limits, TURNED) is Violation.SINGULAR
     judged = NOMINAL.feasibility(LIMITS, TURNED)
     (line,) = told(limits, TURNED)
-    assert f"margin {judged.margins.singular_value[0]:.3f} (limit {limits.singularity_margin:g})" in line
+    assert (
+        f"margin {judged.margins.singular_value[0]:.3f} (limit {limits.singularity_margin:g})"
+        in line
+    )
     assert f"elbow {judged.margins.elbow[0]:.3f} (limit {limits.elbow_margin:g})" in line
 
 
@@ -132,7 +135,10 @@ def test_margins_of_a_delta_are_those_of_its_geometry():
     directions = forearms / np.linalg.norm(forearms, axis=-1, keepdims=True)
     lever = np.abs(np.sum(directions * np.cross(axes, cranks), axis=-1)).min(axis=1)
     singular = np.linalg.svd(directions, compute_uv=False)[:, -1]
-    assert np.abs(judged.margins.swing_rad - np.arcsin(np.sum(directions * axes, axis=-1))).max() < 1e-12
+    assert (
+        np.abs(judged.margins.swing_rad - np.arcsin(np.sum(directions * axes, axis=-1))).max()
+        < 1e-12
+    )
     assert np.abs(judged.margins.elbow - lever).max() < 1e-12
     assert np.abs(judged.margins.singular_value - singular).max() < 1e-12
 
@@ -188,4 +194,6 @@ def test_robot_of_another_size_and_the_same_shape_takes_the_same_poses(name):
     found = Kinematics.of(robot.mechanism, sizes).feasibility(limits, poses)
     assert 20 < wanted.feasible.sum() < 380
     assert found.violations.tolist() == wanted.violations.tolist()
-    np.testing.assert_allclose(found.margins.singular_value, wanted.margins.singular_value, atol=1e-9)
+    np.testing.assert_allclose(
+        found.margins.singular_value, wanted.margins.singular_value, atol=1e-9
+    )
