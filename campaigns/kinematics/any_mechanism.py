@@ -635,15 +635,20 @@ def _solve_by_newton(
         residual, by_unknowns = differentiate(unknowns[active], active)
         usable = np.isfinite(residual).all(axis=1) & np.isfinite(by_unknowns).all(axis=(1, 2))
         active, residual, by_unknowns = active[usable], residual[usable], by_unknowns[usable]
-        if by_unknowns.shape[1] == by_unknowns.shape[2]:
-            # without the 1e-14 one singular row would raise an exception for all rows
-            regular = by_unknowns + 1e-14 * np.eye(by_unknowns.shape[1])
-            step = -np.linalg.solve(regular, residual[..., None])[..., 0]
-        else:
-            step = -(np.linalg.pinv(by_unknowns) @ residual[..., None])[..., 0]
+        step = -_solved(by_unknowns, residual)
         size_mm = np.abs(step * levers_mm).max(axis=1)
         unknowns[active] += step / np.maximum(size_mm / STEP_MM, 1.0)[:, None]
         has_arrived = size_mm < CONVERGED_MM
         is_solved[active] = has_arrived & (np.abs(residual).max(axis=1) < CLOSED_MM)
         active = active[~has_arrived]
     return unknowns, is_solved
+
+
+def _solved(matrices: Array, rows: Array) -> Array:
+    """Return the shortest solutions (N, k) of matrices (N, t, k) for rows (N, t)."""
+    if matrices.shape[1] == matrices.shape[2]:
+        try:
+            return np.asarray(np.linalg.solve(matrices, rows[..., None])[..., 0])
+        except np.linalg.LinAlgError:  # a single singular one of them
+            pass
+    return np.asarray((np.linalg.pinv(matrices) @ rows[..., None])[..., 0])
