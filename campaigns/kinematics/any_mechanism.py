@@ -34,7 +34,7 @@ from campaigns.kinematics.parameters import (
     ParameterField,
     ParameterTable,
 )
-from campaigns.kinematics.rotations import turned_by, turns_of_changes
+from campaigns.kinematics.rotations import matrices_of, turns_of_changes
 
 Place = tuple[float, float, float]
 Rows = Index | slice
@@ -216,6 +216,23 @@ class Mechanism(ABC):
     def point_rows(self, poses: Array, rows: Array) -> Array:  # noqa: ARG002 - of few kinds
         """Return derivatives of the measured point (N, 3, k) from those of poses (N, t, k)."""
         return rows[:, :3]
+
+    # --- turns ----------------------------------------------------------------------------------
+
+    def turn_jacobian(
+        self, p: Array, joints: Array, unknowns: Array, approach: Array | None = None
+    ) -> Array:
+        """Return the turn of the tool by parameters, (N, 3, P), rad about the base's axes.
+
+        It is that at fixed encoder readings (N, n), at an assembly's unknowns (N, k).
+        """
+        return self.turn_rows(unknowns, self.jacobian(p, joints, unknowns, approach))
+
+    def tool_axes(self, poses: Array) -> Array:
+        """Return the axes of the tool at poses (N, t) as the columns of matrices (N, 3, 3)."""
+        turns, size = np.zeros((len(poses), 3)), len(self.task)
+        turns[:, 6 - size :] = poses[:, 3:size]
+        return matrices_of(turns)
 
     # The turn about z of a platform with one turn, and of one with three the turn that a change of
     # its rotation vector makes.
@@ -482,10 +499,7 @@ class ImplicitMechanism(Mechanism):
 
     def _levers(self, poses: Array) -> Array:
         """Return the measured point seen from the controlled one, in the base frame, (N, 3)."""
-        turns, size = np.zeros((len(poses), 3)), len(self.task)
-        turns[:, 6 - size :] = poses[:, 3:size]
-        place = [np.array([value]) for value in self.reflector_mm]
-        return np.stack([c[:, 0] for c in turned_by(turns, place)], axis=1)
+        return self.tool_axes(poses) @ np.array(self.reflector_mm)
 
     def _closures(self, fields: Fields, true: Array, pose: Array) -> Array:
         """Return the misfits (…, N, t) at true joints less their offsets, (…, N, n)."""

@@ -296,6 +296,30 @@ class ClosedChain(Mechanism):
         the weight's loads with the pose and, of four arms, the curvature of rods that do not close:
         less than 1 % with parts at two tolerances. Raise `LinAlgError` at a singular pose.
         """
+        return self._jacobian(p, joints, poses, approach)[:, : len(self.task)]
+
+    # The tool turns by the plate's tilt ψ and by θ about the plate's z: ω = dψ + z dθ but for
+    # products with the tilt.
+    @override
+    def turn_jacobian(
+        self, p: Array, joints: Array, unknowns: Array, approach: Array | None = None
+    ) -> Array:
+        size = len(self.task)
+        rows = self._jacobian(p, joints, unknowns, approach, with_tilt=True)
+        turns = rows[:, size:].copy()
+        turns[:, 2] += rows[:, 3:size].sum(axis=1)
+        return turns
+
+    def _jacobian(
+        self,
+        p: Array,
+        joints: Array,
+        poses: Array,
+        approach: Array | None,
+        *,
+        with_tilt: bool = False,
+    ) -> Array:
+        """Return the derivatives (N, t, P) of poses, or of poses and tilt, (N, t + 3, P)."""
         geometry, table = self.geometry(p), self.parameters
         true, task_size = self.true_joints(geometry, joints, approach), len(self.task)
         loads = self._weight_loads(geometry, true, poses[:, :task_size])
@@ -303,13 +327,16 @@ class ClosedChain(Mechanism):
         upper_ends = self.limb.upper_ends(geometry.arms, true)
         has_tilt = poses.shape[1] > task_size
         y = poses if has_tilt else self._append_tilt(geometry, upper_ends, poses)
+        if with_tilt and y.shape[1] == task_size:
+            y = np.pad(y, ((0, 0), (0, 3)))
         _, by_unknowns = self._differentiate_by_unknowns(geometry, upper_ends, y)
-        by_closures = _unknowns_by_closures(by_unknowns)[:, :task_size]
+        by_closures = _unknowns_by_closures(by_unknowns)[:, : None if with_tilt else task_size]
 
-        columns = np.zeros((len(joints), task_size, len(table.of_robot)))
+        columns = np.zeros((*by_closures.shape[:2], len(table.of_robot)))
         for stem, by_field in self._differentiate_by_fields(geometry, true, y).items():
-            both = by_closures * by_field[:, None]  # (N, t, 2 n): sum and difference of each arm
-            columns[..., self._columns[stem]] = both.reshape(*both.shape[:2], 2, -1).sum(axis=2)
+            both = by_closures * by_field[:, None]  # (N, k, 2 n): sum and difference of each arm
+            parts = both.reshape(*both.shape[:2], 2, self.platform.arms)
+            columns[..., self._columns[stem]] = parts.sum(axis=2)
 
         if self._length_stem:
             longer = replace(geometry, length=np.asarray(geometry.length + 1j * STEP))
