@@ -383,12 +383,13 @@ def open_campaign(folder: Path | str) -> Campaign:
     config = read_campaign(folder)
     campaign = Campaign(folder, config, read_robot(folder / config.robot))
     turns = any(axis.is_revolute for axis in campaign.robot.mechanism.task)
-    if config.acceptance.rotation_mm is not None and not turns:
-        raise ConfigInvalid(
-            f"{folder / 'campaign.yaml'}: acceptance.rotation_mm is "
-            f"{config.acceptance.rotation_mm:g}, but the plate of a {campaign.robot.mechanism.name}"
-            " does not turn",
-            remedy="delete that limit",
-        )
+    for name in ("rotation_mm", "rotation_deg"):
+        limit = getattr(config.acceptance, name)
+        if limit is not None and not turns:
+            raise ConfigInvalid(
+                f"{folder / 'campaign.yaml'}: acceptance.{name} is {limit:g}, but the plate of a "
+                f"{campaign.robot.mechanism.name} does not turn",
+                remedy="delete that limit",
+            )
     campaign.require_nothing_rescued()
     return campaign

@@ -21,6 +21,7 @@ from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, Row, number, words
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.events import Event
+from campaigns.identification.determined import MOST_ASSUMED, Determined
 from campaigns.identification.findings import (
     HOLD_OUT_LEVEL,
     Finding,
@@ -336,6 +337,23 @@ def positions_in_words(identification: IdentificationResult) -> Iterator[str]:
         yield sentence
     if (region := identification.uncertainty.region) is not None:
         yield region.says
+    for quantity in identification.uncertainty.determined:
+        if quantity.name == "rotation":
+            yield (
+                f"predicted σ of the tool's rotation: {quantity.mean:.4f}° on average, "
+                f"{quantity.rms:.4f}° rms, {quantity.max:.4f}° at most"
+            )
+        yield determined_in_words(quantity)
+
+
+def determined_in_words(quantity: Determined) -> str:
+    """Return whether shots determine and test a quantity, in words."""
+    state = "determined" if quantity.is_determined else "NOT determined"
+    tested = "tested by shots never fitted" if quantity.is_tested else "not tested"
+    return (
+        f"{quantity.name}: {state}, {100.0 * quantity.assumed:.0f} % of its variance comes from "
+        f"tolerances (limit {100.0 * MOST_ASSUMED:.0f} %); {tested}"
+    )
 
 
 def hold_out_in_words(test: HoldOut) -> str:

@@ -369,6 +369,36 @@ class ErrorModel:
             frame_moves=moves["frame"],
         )
 
+    # Poses of no moment are of the robot of today, the same one at all of them. Its tool turns by
+    # what moves joints and parameters; shifts of points, growth and the tracker leave turns alone.
+    def turns_by_unknowns(self, x: Array, observations: Observations, near: Array) -> Array:
+        """Return the turn of today's tool by all unknowns, (N, 3, P), rad about the base's axes.
+
+        `observations` are unmeasured, `near` (N, t) are the poses at which the assembly begins.
+        """
+        bases = [effect.basis(observations) for effect in self.effects]
+        moves = self._moves(x, bases, observations)
+        moved = replace(observations, joints=observations.joints + moves["joints"])
+        today = x[: len(self.names)] + moves["unknowns"][0]
+        robot, assembly = self.positions(today, moved, near)
+        mechanism, count = robot.mechanism, len(self.parameters)
+        by_p = mechanism.turn_jacobian(
+            robot.p, moved.joints, assembly.unknowns, observations.approach
+        )
+        of_robot = self.places < by_p.shape[2]
+        columns = np.zeros((len(observations), 3, len(self.names)))
+        places = np.flatnonzero(of_robot)
+        columns[..., places] = by_p[..., self.places[of_robot]] * self.tolerance[:count][of_robot]
+        by_moves = {
+            "joints": by_p[..., mechanism.parameters.columns["joint_offset"]],
+            "unknowns": columns,
+        }
+        by_effects = [
+            by_moves[effect.moves] @ basis if effect.moves in by_moves else 0.0 * basis[:, :3]
+            for effect, basis in zip(self.effects, bases, strict=True)
+        ]
+        return np.concatenate([columns, *by_effects], axis=2)
+
     # Moved frames turn the points. The tracker's errors are small: their columns times their
     # unknowns are added to the predicted points.
     def predict(

@@ -33,6 +33,8 @@ FORMER, SIZES = "former", "sizes"
 UNSEEN_TOLERANCES = 300.0
 """Tolerances along a direction by which all points together change by less than their noise, if it
 counts as undetermined."""
+SAME_MOTION = 1e-3
+"""Singular value below which motions, as columns of unit length, are equal."""
 NAMED_SHARE = 0.08
 """Share of an undetermined combination from which a parameter is named as part of it."""
 
@@ -135,14 +137,28 @@ def _name_combinations(null: Array, names: tuple[str, ...]) -> tuple[tuple[str, 
 # B = (1 - QQ') ∂X/∂x with an orthonormal basis Q of the six motions of the frame.
 def without_frame(by: Array, positions: Array) -> Array:
     """Return derivatives of positions (M, 3, P) from which every motion of the frame is removed."""
-    frame = frame_columns(positions).reshape(-1, 6)
-    basis = np.linalg.qr(frame / np.linalg.norm(frame, axis=0))[0]
-    rows = by.reshape(-1, by.shape[2])
+    return without_motions(by, frame_columns(positions))
+
+
+# Some motions may be equal, such as turns of base and tool where the tool turns about z alone: the
+# singular vectors of columns of unit length have one of both.
+def without_motions(by: Array, motions: Array) -> Array:
+    """Return derivatives (M, 3, P) less what motions (M, 3, k) of all rows together explain."""
+    columns = motions.reshape(-1, motions.shape[2])
+    vectors, sizes, _ = np.linalg.svd(
+        columns / np.linalg.norm(columns, axis=0), full_matrices=False
+    )
+    basis, rows = vectors[:, sizes > SAME_MOTION], by.reshape(-1, by.shape[2])
     return np.asarray((rows - basis @ (basis.T @ rows)).reshape(by.shape))
 
 
 def position_std_mm(by: Array, covariance: Array) -> Array:
     """Return 1 σ of positions, √tr(B C B') with derivatives B (M, 3, P), (M,)."""
+    return length_std(by, covariance)
+
+
+def length_std(by: Array, covariance: Array) -> Array:
+    """Return 1 σ of vectors, √tr(B C B') with their derivatives B (M, 3, P), (M,)."""
     return np.asarray(np.sqrt(((by @ covariance) * by).sum(axis=(1, 2))))
 
 

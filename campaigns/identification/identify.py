@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 
 from campaigns.arrays import Array, Index
-from campaigns.errors import ShotsInvalid
+from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.evaluation.decision import allows_decision
 from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
@@ -44,13 +44,14 @@ from campaigns.fit.rigid_transforms import SHOTS_FOR_A_FRAME, fit_transform
 from campaigns.fit.uncertainty import NullDirections, frame_of_today, null_directions
 from campaigns.identification import findings
 from campaigns.identification.checking import fit_with_former, former_datum, misfit_of
+from campaigns.identification.determined import quantity_findings
 from campaigns.identification.findings import NOTHING_UNSEEN, Finding
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.known_lengths import KnownLengths, known_lengths
 from campaigns.identification.observations import error_model, fitted_sessions, observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.paper import identify_as_paper
-from campaigns.identification.positions import uncertainty_of_positions
+from campaigns.identification.positions import uncertainty_over_workspace
 from campaigns.identification.repeats import repeating_share
 from campaigns.identification.result import (
     Diagnosis,
@@ -97,6 +98,11 @@ def identify(
     Raise `ShotsMissing` for too few shots, `ShotsInvalid` for shots that cannot be this robot's.
     """
     options = options or IdentificationOptions()
+    if "rotation" in options.quantities and len(nominal.mechanism.task) == 3:
+        raise OptionsInvalid(
+            f"--for rotation: the platform of a {nominal.mechanism.name} does not turn",
+            remedy="ask for position, which is the default",
+        )
     # Calibrated bars are measured by the tracker alone: their shots have no joints that could be
     # fitted, so they are evaluated first and then taken out.
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
@@ -251,8 +257,8 @@ class _JudgedCampaign:
         positions = Uncertainty()
         if options.workspace is not None:
             repeating = repeating_share(fit, shots, self.observations)
-            positions = uncertainty_of_positions(
-                fit, identified, options.workspace, ratio, repeating
+            positions = uncertainty_over_workspace(
+                fit, identified, options.workspace, unseen.test, repeating
             )
         residuals = self._residuals(fit)
         all_findings = (
@@ -501,6 +507,9 @@ class _JudgedCampaign:
             positions.region,
             self._obstacle_of_positions(positions, unseen, residuals),
             was_asked=options.workspace is not None,
+        )
+        yield from quantity_findings(
+            positions.determined, options.judged_quantities, options.rotation_deg
         )
 
     # What is reported goes through the forward model once more: along directions that no shot

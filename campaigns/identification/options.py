@@ -20,6 +20,8 @@ from campaigns.kinematics.parameters import INNER, ParameterTable
 from campaigns.settings.option import Option
 from campaigns.settings.sections import KnownLengthConfig
 
+QUANTITIES = ("position", "rotation")
+"""What shots may determine."""
 MOST_HELD_OUT = 0.5
 LEAST_STD = 1e-6
 """Smallest 1 σ of a prior, mm, deg or ppm: a parameter known better is held with --fix."""
@@ -106,6 +108,15 @@ class IdentificationOptions:
             typed="0%",
         ),
     ] = 0.0
+    quantities: Annotated[
+        tuple[str, ...],
+        Option(
+            "Judge what shots say of this: position or rotation; with commas, or repeatable. "
+            "Otherwise it is what acceptance limits ask for, and position.",
+            metavar="QUANTITY",
+            name="--for",
+        ),
+    ] = ()
     accept_large_change: Annotated[
         bool, Option("Accept parameters far outside of their tolerance.", name="--force")
     ] = False
@@ -116,6 +127,8 @@ class IdentificationOptions:
     """Tolerances from robot.yaml by group and unit (`rods_deg`), in mm, rad or ratios."""
     limits_mm: Mapping[str, float] = field(default_factory=dict)
     """Acceptance limits of distances, `mean` and `max`, as far as there are any."""
+    rotation_deg: float | None = None
+    """Acceptance limit of the tool's rotation; None if there is none."""
     known_lengths: tuple[KnownLengthConfig, ...] = ()
     """Calibrated lengths that the set known-length measures."""
     reference_degC: float = 20.0
@@ -131,6 +144,19 @@ class IdentificationOptions:
                 f"--hold-out is {self.hold_out:.4g}, must be 0 to {MOST_HELD_OUT:g}",
                 remedy="20% is usual",
             )
+        names = [name.strip() for text in self.quantities for name in text.split(",")]
+        for name in names:
+            if name not in QUANTITIES:
+                raise OptionsInvalid(
+                    f"--for {shown(name)} is no quantity", remedy=suggestion(name, QUANTITIES)
+                )
+        object.__setattr__(self, "quantities", tuple(dict.fromkeys(names)))
+
+    @property
+    def judged_quantities(self) -> tuple[str, ...]:
+        """Quantities that the verdict is on: those asked for, or position and limited ones."""
+        limited = () if self.rotation_deg is None else ("rotation",)
+        return self.quantities or ("position", *limited)
 
 
 def matching(pattern: str, table: ParameterTable) -> tuple[str, ...]:

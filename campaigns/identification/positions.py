@@ -24,6 +24,8 @@ from campaigns.fit.uncertainty import (
     unseen_covariances,
     without_frame,
 )
+from campaigns.identification.determined import Determined, assumed_share, rotation_determined
+from campaigns.identification.findings import HoldOut
 from campaigns.identification.result import ParameterCovariance, PositionStd, Share, Uncertainty
 from campaigns.kinematics.mechanism import Kinematics
 
@@ -50,14 +52,14 @@ NOISE_WORDS = {
 }
 
 
-def uncertainty_of_positions(
-    fit: Fit, identified: Kinematics, workspace: Array, ratio: float, repeating: float = 0.0
+def uncertainty_over_workspace(
+    fit: Fit, identified: Kinematics, workspace: Array, test: HoldOut | None, repeating: float = 0.0
 ) -> Uncertainty:
     """Return the uncertainty of positions at poses (N, t), in the frame that fits all of them best.
 
-    `ratio` multiplies the uncertainty where hold-out pairs showed larger errors, `repeating` is the
-    share of the robot's scatter that repeats, and so is an error of each position. Nothing is
-    stated where the identified robot can take too few of the poses.
+    Larger errors of hold-out pairs (`test`) multiply it, `repeating` is the share of the robot's
+    scatter that repeats, and so is an error of each position. Rotation is stated beside positions.
+    Nothing is stated where the identified robot can take too few of the poses.
     """
     # 1. Derivatives of the positions by all unknowns, at the workspace's sample and at the shots
     #    that counted, both "unmeasured": without a tracker, since only the robot is asked about.
@@ -65,6 +67,7 @@ def uncertainty_of_positions(
     #    shifted as a whole is placed right by the fit of its base, so that is no error.
     # 3. σ and budget over the sample alone. For the region of validity sample and shots share one
     #    frame instead, or their σ could not be compared.
+    ratio = 1.0 if test is None else test.applied_ratio
     at_sample, sample = identified.select_reachable(workspace)
     if len(sample) < FEWEST_POSES * len(workspace):
         return Uncertainty()
@@ -99,8 +102,16 @@ def uncertainty_of_positions(
         squares["layer"] = squares.get("layer", 0.0) + further
     if repeating:
         squares[REPEATING] = float(repeats[:count].mean())
-    shares = _shares(squares, ratio, rms)
-    return Uncertainty(position_std_mm=sizes, budget=shares, region=region)
+    assumed, tested = assumed_share(fit, squares), test is not None
+    position = Determined("position", sizes.mean, sizes.max, sizes.rms, assumed, tested)
+    # points of one reflector do not check the tool's rotation
+    rotation = rotation_determined(fit, identified, at_sample, sample, ratio)
+    return Uncertainty(
+        position_std_mm=sizes,
+        budget=_shares(squares, ratio, rms),
+        region=region,
+        determined=(position, *rotation),
+    )
 
 
 def _moved_beyond_parameters(fit: Fit, robot: RobotPoints) -> Array:

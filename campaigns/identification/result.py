@@ -21,6 +21,7 @@ from campaigns.fit.effects import Layer
 from campaigns.fit.events import Event
 from campaigns.fit.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
 from campaigns.identification import views
+from campaigns.identification.determined import Determined
 from campaigns.identification.findings import HOLD_OUT, Finding, HoldOut
 from campaigns.journal.records import adapter_of, read_body
 from campaigns.kinematics.any_mechanism import Mechanism
@@ -364,6 +365,8 @@ class Uncertainty:
     """Shares of the sources in the uncertainty of positions; they add up in squares."""
     region: Region | None = None
     """Part of the workspace for which the uncertainty holds."""
+    determined: tuple[Determined, ...] = ()
+    """What the shots determine: position, and rotation of a robot that turns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

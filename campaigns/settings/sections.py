@@ -410,6 +410,11 @@ class AcceptanceConfig(FileModel):
     rotation_mm: Acceptable = Field(
         default=None, description="the limit of the point's motion while the plate turns, mm"
     )
+    rotation_deg: Acceptable = Field(
+        default=None,
+        description="the limit of the tool's rotation from where it is commanded, by the "
+        "identification's σ, deg",
+    )
     straightness_mm: Acceptable = Field(
         default=None, description="the limit of the deviation from a line, mm"
     )

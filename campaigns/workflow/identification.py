@@ -99,6 +99,7 @@ def identification_options(
         instrument=campaign.instrument,
         tolerances=campaign.robot.tolerances,
         limits_mm=campaign.config.acceptance.distances_mm,
+        rotation_deg=campaign.config.acceptance.rotation_deg,
         known_lengths=campaign.config.known_lengths,
         workspace=campaign.workspace_sample(),
         reference_degC=campaign.config.reference_temperature_degC,

@@ -1,0 +1,134 @@
+"""What shots determine of a robot: position and rotation, each with its σ and what it rests on.
+
+A σ that comes from tolerances is no measurement: a tracker's points of one reflector say little of
+a platform's rotation, however small its σ by tolerances is. Each quantity is therefore stated with
+two facts. It is *determined* if at most half of its variance comes from tolerances whose size the
+shots do not estimate, and it is *tested* if shots that were never fitted check it. A pass needs
+both.
+
+Rotations are stated up to what their users define: a turn of the base's axes, and one of the tool's
+own axes.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.evaluation.decision import COVERAGE, decide
+from campaigns.fit.error_model import Observations
+from campaigns.fit.error_sources import SOURCES
+from campaigns.fit.fit import Fit
+from campaigns.fit.uncertainty import budget, length_std, without_motions
+from campaigns.identification.findings import NOT_DETERMINED, NOT_TESTED, TOO_UNCERTAIN, Finding
+from campaigns.kinematics.mechanism import Kinematics
+
+QuantityWord = Literal["position", "rotation"]
+UNITS: Mapping[QuantityWord, str] = {"position": "mm", "rotation": "deg"}
+MOST_ASSUMED = 0.5
+"""Share of a quantity's variance that may come from tolerances if shots determine it."""
+FEWEST_DETERMINED = 1.0
+"""Number of unknowns of a group that shots must determine to estimate the group's size."""
+
+
+@dataclass(frozen=True, slots=True)
+class Determined:
+    """Quantity with its σ over the workspace, and what that σ rests on."""
+
+    name: QuantityWord
+    mean: float
+    """1 σ, the root of the summed variances of three coordinates, mm or deg."""
+    max: float
+    rms: float
+    assumed: float
+    """Share of its variance that comes from tolerances whose size no shot estimates."""
+    is_tested: bool
+    """Whether shots that were never fitted check it."""
+
+    @property
+    def unit(self) -> str:
+        """Unit of σ."""
+        return UNITS[self.name]
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether shots determine it, rather than tolerances."""
+        return self.assumed <= MOST_ASSUMED
+
+
+# A size is estimated where shots determine at least one unknown of its group: C_jj / ρ² is what is
+# left of a prior's variance ρ², and 1 less that is the part of unknown j that shots determine.
+def assumed_share(fit: Fit, squares: Mapping[str, float]) -> float:
+    """Return the share of tolerances whose size no shot estimates in the squares of `budget`."""
+    variances, assumed = np.diag(fit.covariance), 0.0
+    for source in SOURCES.keys() & squares.keys():
+        places = fit.model.sized_groups.get(source)
+        left = np.inf
+        if places is not None:
+            left = variances[places].sum() / fit.sizes[source] ** 2
+        if places is None or len(places) - left < FEWEST_DETERMINED:
+            assumed += squares[source]
+    return float(assumed / max(sum(squares.values()), 1e-300))
+
+
+def rotation_determined(
+    fit: Fit, identified: Kinematics, joints: Array, poses: Array, ratio: float
+) -> Iterator[Determined]:
+    """Yield how well the tool's rotation is known at joints (N, n) and poses (N, t), if it turns.
+
+    `ratio` multiplies σ where hold-out shots showed larger errors.
+    """
+    if len(identified.mechanism.task) == 3:
+        return
+    observations = Observations.unmeasured(joints, poses)
+    by = np.degrees(fit.model.turns_by_unknowns(fit.at.x, observations, poses))
+    by = without_motions(by, turn_motions(identified, poses))
+    std = ratio * length_std(by, fit.covariance[: fit.model.size, : fit.model.size])
+    yield Determined(
+        "rotation",
+        float(std.mean()),
+        float(std.max()),
+        float(np.sqrt((std**2).mean())),
+        assumed_share(fit, budget(fit, by)),
+        is_tested=False,
+    )
+
+
+def turn_motions(robot: Kinematics, poses: Array) -> Array:
+    """Return turns of the base's and of the tool's axes at poses (N, t), (N, 3, 6), rad."""
+    axes = robot.mechanism.tool_axes(poses)
+    return np.concatenate([np.broadcast_to(np.eye(3), axes.shape), axes], axis=2)
+
+
+def quantity_findings(
+    determined: Sequence[Determined], wanted: Sequence[str], rotation_deg: float | None
+) -> Iterator[Finding]:
+    """Yield findings on quantities that are asked for, and not determined, tested or certain.
+
+    `rotation_deg` is the acceptance limit of the tool's rotation; None if there is none.
+    """
+    for quantity in determined:
+        if quantity.name not in wanted:
+            continue
+        what = f"{quantity.name}: 1 σ is {quantity.rms:.2g} {quantity.unit} rms"
+        if not quantity.is_determined:
+            says = (
+                f"{what}, but {100.0 * quantity.assumed:.0f} % of its variance comes from "
+                f"tolerances (limit {100.0 * MOST_ASSUMED:.0f} %): these shots do not determine "
+                "it; measure more shots at more turns, or lengths and places better"
+            )
+            yield Finding(NOT_DETERMINED, says, "not decided", {"assumed": quantity.assumed})
+        # position has a finding of its own where nothing was held out
+        elif quantity.name == "rotation" and not quantity.is_tested:
+            says = f"{what}, and no shot checks it: points of one reflector show no rotation"
+            yield Finding(NOT_TESTED, says, "not decided")
+        if quantity.name == "rotation" and rotation_deg is not None:
+            expanded = COVERAGE * quantity.max
+            if decide(0.0, expanded, rotation_deg) != "pass":
+                says = (
+                    f"rotation: U is {expanded:.2g} deg at its largest, limit "
+                    f"{rotation_deg:g} deg: measure more shots"
+                )
+                yield Finding(TOO_UNCERTAIN, says, "not decided")
