@@ -146,7 +146,7 @@ def test_shots_are_a_table_of_pandas_with_the_columns_of_files():
 
 
 @pytest.mark.parametrize(
-    ("offers", "said"), [("OTHER", "is 'no mechanism', must be a Closed"), ("NONE", "NONE")]
+    ("offers", "said"), [("OTHER", "is 'no mechanism', must be a Mechanism"), ("NONE", "NONE")]
 )
 def test_a_package_that_offers_no_mechanism_is_refused(tmp_path, monkeypatch, offers, said):
     (tmp_path / "own_mechanism.py").write_text('OTHER = "no mechanism"\n')
