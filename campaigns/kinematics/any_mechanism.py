@@ -34,7 +34,7 @@ from campaigns.kinematics.parameters import (
     ParameterField,
     ParameterTable,
 )
-from campaigns.kinematics.rotations import matrices_of, turns_of_changes
+from campaigns.kinematics.rotations import matrices_of, turn_between, turns_of_changes
 
 Place = tuple[float, float, float]
 Rows = Index | slice
@@ -314,11 +314,9 @@ class Mechanism(ABC):
 
     # --- plans ----------------------------------------------------------------------------------
 
+    @abstractmethod
     def is_mode_of_home(self, p: Array, joints: Array, poses: Array) -> Mask:
         """Return which poses (N, t) of joints (N, n) are the assembly that `assemble` looks for."""
-        assembly = self.assemble(p, joints)
-        away = np.abs(assembly.poses[:, :3] - poses[:, :3]).max(axis=1)
-        return assembly.is_solved & (away < SAME_MM)
 
     def reach_mm(self, p: Array, joint: tuple[float, float], swing_rad: float) -> Array:  # noqa: ARG002 - limits of the task bound it
         """Return the corners (2, 3) of a box that holds all positions; infinite if limits do.
@@ -451,7 +449,8 @@ class ImplicitMechanism(Mechanism):
             lacking |= {f"{stem}_{other}" for stem in transmission.STEMS} | {"compliance_deg"}
             if has_gears and not axis.is_revolute:
                 lacking |= {"ripple_sin_mm", "ripple_cos_mm"}
-            arms.append([field for field in self.arm_fields if field.name not in lacking])
+            fields = {field.name: field for field in self.arm_fields}  # gears and drives share some
+            arms.append([field for name, field in fields.items() if name not in lacking])
         rate = RIPPLES_PER_TURN if has_gears else DRIVE_PERIOD
         return ParameterTable.of(arms, self.platform_fields, rate)
 
@@ -487,7 +486,7 @@ class ImplicitMechanism(Mechanism):
     @override
     def points(self, poses: Array) -> Array:
         if len(self.task) == 3:
-            return poses[:, :3] + np.array(self.reflector_mm)
+            return np.asarray(poses[:, :3] + np.array(self.reflector_mm))
         return np.asarray(poses[:, :3] + self._levers(poses))
 
     @override
@@ -509,15 +508,13 @@ class ImplicitMechanism(Mechanism):
         self, fields: Fields, true: Array, pose: Array, rows: Rows = ALL_ROWS
     ) -> tuple[Array, Array]:
         """Return closures (M, t) and their derivatives by poses (M, t, t), of true joints[rows]."""
-        steps = 1j * STEP * np.eye(pose.shape[1])[:, None]
-        return _derivatives(self._closures(fields, true[rows] + 0j, pose + steps), pose.shape[1])
+        return _derivatives(self._closures(fields, true[rows], _stepped(pose)), pose.shape[1])
 
     def _by_joints(
         self, fields: Fields, pose: Array, true: Array, rows: Rows = ALL_ROWS
     ) -> tuple[Array, Array]:
         """Return closures (M, t) and their derivatives by joints (M, t, n), of poses[rows]."""
-        steps = 1j * STEP * np.eye(true.shape[1])[:, None]
-        return _derivatives(self._closures(fields, true + steps, pose[rows] + 0j), true.shape[1])
+        return _derivatives(self._closures(fields, _stepped(true), pose[rows]), true.shape[1])
 
     # From poses nearby first, then rows that failed from the guess of the wanted assembly.
     @override
@@ -526,21 +523,24 @@ class ImplicitMechanism(Mechanism):
     ) -> Assembly:
         fields, moving = self.fields_of(p), self._moving
         true = self.true_joints_at(p, joints, approach)
-        found, is_solved = np.empty((len(joints), len(moving))), np.zeros(len(joints), dtype=bool)
+        unknowns, is_solved = (
+            np.empty((len(joints), len(moving))),
+            np.zeros(len(joints), dtype=bool),
+        )
         for is_near in (True, False):
             rows = np.flatnonzero(~is_solved)
             if not len(rows) or (is_near and near is None):
                 continue
             of_rows = true[rows]
             if is_near and near is not None:
-                start = near[np.ix_(rows, moving)]
+                start = near[rows][:, moving]
             else:
                 start = self.first_pose(fields, of_rows + fields["joint_offset"])
-            found[rows], is_solved[rows] = _solve_by_newton(
+            unknowns[rows], is_solved[rows] = _solve_by_newton(
                 partial(self._by_pose, fields, of_rows), start, self._levers_mm(self.task_axes)
             )
         poses = np.zeros((len(joints), len(self.task)))
-        poses[:, moving] = found
+        poses[:, moving] = unknowns
         poses[~is_solved] = np.nan
         return Assembly(poses, poses.copy(), self.points(poses), is_solved)
 
@@ -550,11 +550,8 @@ class ImplicitMechanism(Mechanism):
         poses = poses[:, self._moving]
         with np.errstate(invalid="ignore", divide="ignore"):
             start = self.first_joints(fields, poses) - fields["joint_offset"]
-        joints, is_solved = np.full(start.shape, np.nan), np.isfinite(start).all(axis=1)
-        joints[is_solved], is_solved[is_solved] = _solve_by_newton(
-            partial(self._by_joints, fields, poses[is_solved]),
-            start[is_solved],
-            self._levers_mm(self.joints),
+        joints, is_solved = _solve_by_newton(
+            partial(self._by_joints, fields, poses), start, self._levers_mm(self.joints)
         )
         joints[~is_solved] = np.nan
         readings = transmission.encoder_readings(fields, joints, approach, self.phase_rate)
@@ -563,6 +560,15 @@ class ImplicitMechanism(Mechanism):
     def _levers_mm(self, axes: Sequence[Axis]) -> Array:
         """Return the factors (k,) that make changes along axes comparable lengths, mm."""
         return np.array([self.lever_mm if axis.is_revolute else 1.0 for axis in axes])
+
+    # Poses compare as bodies do: two rotation vectors may be of one turn.
+    @override
+    def is_mode_of_home(self, p: Array, joints: Array, poses: Array) -> Mask:
+        assembly = self.assemble(p, joints)
+        away = np.abs(assembly.poses[:, :3] - poses[:, :3]).max(axis=1)
+        turned = turn_between(self.tool_axes(assembly.poses), self.tool_axes(poses))
+        away = np.maximum(away, self.lever_mm * np.abs(turned).max(axis=1))
+        return np.asarray(assembly.is_solved & (away < SAME_MM))
 
     # Each parameter of each arm is stepped by itself: no structure of the closures is assumed.
     @override
@@ -579,7 +585,7 @@ class ImplicitMechanism(Mechanism):
             arms = [table.rows[place].arm or 0 for place in places]
             steps = 1j * STEP * np.eye(fields[stem].shape[1])[arms, None]
             stepped = {**fields, stem: fields[stem] + steps}
-            by_field = self._closures(stepped, true[None] + 0j, y[None] + 0j).imag / STEP
+            by_field = self._closures(stepped, true[None], y[None]).imag / STEP
             by_field = np.broadcast_to(by_field, (len(arms), len(joints), len(moving)))
             columns[..., places] = by_closures @ np.moveaxis(by_field, 0, -1)
         by_offset = columns[..., table.columns["joint_offset"]]
@@ -603,13 +609,20 @@ class ImplicitMechanism(Mechanism):
             grown[..., place] = by_p[..., rows] @ whole[rows]
         return grown
 
+    # Turns compare with shifts at the lever at which they move the closures as much, on average: so
+    # that a robot twice the size has the same margins.
     @override
     def margins(self, p: Array, joints: Array, poses: Array) -> Margins:
         fields, true = self.fields_of(p), self.true_joints_at(p, joints)
         value, has_joints = np.full(len(poses), np.nan), np.isfinite(joints).all(axis=1)
         of_rows = poses[has_joints][:, self._moving]
         _, by_pose = self._by_pose(fields, true[has_joints], of_rows)
-        by_pose = by_pose / self._levers_mm(self.task_axes)
+        is_turn = np.array([axis.is_revolute for axis in self.task_axes])
+        if is_turn.any():
+            mean_squares = (by_pose**2).mean(axis=1)
+            by_turn, by_place = mean_squares[:, is_turn], mean_squares[:, ~is_turn]
+            lever_mm = np.sqrt(by_turn.mean(axis=1) / by_place.mean(axis=1))
+            by_pose[..., is_turn] /= lever_mm[:, None, None]
         by_pose /= np.linalg.norm(by_pose, axis=-1, keepdims=True)
         value[has_joints] = np.linalg.svd(by_pose, compute_uv=False)[:, -1]
         count = len(poses)
@@ -621,6 +634,11 @@ def closures(*parts: Array) -> Array:
     shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
     spread = [np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts]
     return np.concatenate(spread, axis=-1)
+
+
+def _stepped(values: Array) -> Array:
+    """Return values (N, k) with a step of each column into the imaginary direction, (k, N, k)."""
+    return np.asarray(values + 1j * STEP * np.eye(values.shape[1])[:, None])
 
 
 def _derivatives(stepped: Array, count: int) -> tuple[Array, Array]:
@@ -649,7 +667,7 @@ def _solve_by_newton(
         residual, by_unknowns = differentiate(unknowns[active], active)
         usable = np.isfinite(residual).all(axis=1) & np.isfinite(by_unknowns).all(axis=(1, 2))
         active, residual, by_unknowns = active[usable], residual[usable], by_unknowns[usable]
-        step = -_solved(by_unknowns, residual)
+        step = -_solved(by_unknowns / levers_mm, residual) / levers_mm
         size_mm = np.abs(step * levers_mm).max(axis=1)
         unknowns[active] += step / np.maximum(size_mm / STEP_MM, 1.0)[:, None]
         has_arrived = size_mm < CONVERGED_MM

@@ -48,12 +48,12 @@ class Limits:
 
         `joint` is one amount for all joints or one for each, (n,), `task` one for each axis, (t,).
         """
-        low, high = np.asarray(self.joint[0]), np.asarray(self.joint[1])
-        ends = [end.tolist() for end in (low + joint, high - np.asarray(joint))]
+        ends = np.array([np.add(self.joint[0], joint), np.subtract(self.joint[1], joint)])
+        low, high = ends.tolist()
         amounts = np.broadcast_to(task, len(self.task)).tolist()
         return replace(
             self,
-            joint=tuple(end if isinstance(end, float) else tuple(end) for end in ends),
+            joint=(low, high) if ends.ndim == 1 else (tuple(low), tuple(high)),
             task=tuple(
                 interval and _narrowed(interval, by)
                 for interval, by in zip(self.task, amounts, strict=True)
@@ -205,7 +205,7 @@ def search_extent(chain: Mechanism, p: Array, limits: Limits, centre: Array) -> 
     half[:3] = reach + chain.reach_of_turns_mm(p) * half[3:].sum()
     for place, interval in enumerate(limits.task[:3]):
         if interval is not None:
-            half[place] = 0.5 * (interval[1] - interval[0])
+            half[place] = max(interval[1] - centre[place], centre[place] - interval[0])
     return half
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from campaigns.arrays import Array
 
 SMALL_SQUARE = 1e-8
-"""Square of an angle below which the series of its sine is as exact as the sine."""
+"""Square of an angle below which the series of its sine is exact to rounding."""
 
 
 # Rodrigues' formula: R v = v + s ω×v + c ω×(ω×v), with s = sin φ / φ, c = (1 - cos φ) / φ² and
@@ -20,10 +20,10 @@ def turned_by(turns: Array, vectors: Sequence[Array]) -> list[Array]:
     """Return x, y, z (…, N, n) of vectors (…, n) turned by rotation vectors (…, N, 3)."""
     axis = [turns[..., place, None] for place in range(3)]
     square = axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2
-    sine, rest = _factors(square)
+    sine, versine = _factors(square)
     first = _cross(axis, vectors)
     second = _cross(axis, first)
-    return [v + sine * f + rest * s for v, f, s in zip(vectors, first, second, strict=True)]
+    return [v + sine * f + versine * s for v, f, s in zip(vectors, first, second, strict=True)]
 
 
 def matrices_of(turns: Array) -> Array:
@@ -32,16 +32,18 @@ def matrices_of(turns: Array) -> Array:
     return np.stack(columns, axis=-2)
 
 
-# The turn between two frames that differ by the angle φ about the unit vector n: half the sum of
-# the products of their axes is sin φ n, which is 0 where the frames agree, and smooth there.
+# Of frames that differ by the angle φ about the unit vector n, the sum of the axes' vector products
+# is 2 sin φ n, and that of their scalar products 1 + 2 cos φ. 2 tan(φ/2) n follows without a root,
+# smooth where the frames agree. sin φ alone would vanish half a turn away too, where Newton's
+# method would take it for an assembly; the tangent grows beyond bounds there.
 def turn_between(first: Array, second: Array) -> Array:
     """Return a turn (…, 3) from the first rotation matrices (…, 3, 3) to the second, rad.
 
-    It is a rotation vector with the sine of the angle as its length: exact for small turns.
+    It is a rotation vector of the length 2 tan(φ/2), that of the angle φ to within φ³ / 12.
     """
-    pairs = zip(np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0), strict=True)
-    crossed = [_cross(np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)) for a, b in pairs]
-    return np.asarray(0.5 * np.stack([sum(parts) for parts in zip(*crossed, strict=True)], axis=-1))
+    sine = np.asarray(np.cross(first, second, axis=-2).sum(axis=-1))
+    trace = (first * second).sum(axis=(-2, -1))
+    return np.asarray(2.0 * sine / (1.0 + trace)[..., None])
 
 
 # A rotation vector's change dω is no turn: the body turns by J dω, with
@@ -51,13 +53,15 @@ def turns_of_changes(turns: Array) -> Array:
 
     The turns are about the base's axes.
     """
-    skew = np.stack([_cross(turns.T, list(row)) for row in np.eye(3)], axis=-1)  # (3, N, 3)
+    skew = np.stack([_cross(list(turns.T), list(row)) for row in np.eye(3)], axis=-1)  # (3, N, 3)
     skew = np.moveaxis(skew, 0, 1)
     square = (turns**2).sum(axis=1)
-    sine, rest = _factors(square)
+    sine, versine = _factors(square)
     is_small = square < SMALL_SQUARE
     cubic = np.where(is_small, 1.0 / 6.0, (1.0 - sine) / np.where(is_small, 1.0, square))
-    return np.asarray(np.eye(3) + rest[:, None, None] * skew + cubic[:, None, None] * (skew @ skew))
+    return np.asarray(
+        np.eye(3) + versine[:, None, None] * skew + cubic[:, None, None] * (skew @ skew)
+    )
 
 
 def _factors(square: Array) -> tuple[Array, Array]:
@@ -65,8 +69,9 @@ def _factors(square: Array) -> tuple[Array, Array]:
     is_small = np.abs(square) < SMALL_SQUARE
     angle = np.sqrt(np.where(is_small, 1.0, square))
     sine = np.where(is_small, 1.0 - square / 6.0, np.sin(angle) / angle)
-    rest = np.where(is_small, 0.5 - square / 24.0, (1.0 - np.cos(angle)) / angle**2)
-    return sine, rest
+    # 1 - cos φ = 2 sin²(φ/2), without a difference to cancel
+    versine = np.where(is_small, 0.5 - square / 24.0, 2.0 * (np.sin(0.5 * angle) / angle) ** 2)
+    return sine, versine
 
 
 def _cross(a: Sequence[Array], b: Sequence[Array]) -> list[Array]:

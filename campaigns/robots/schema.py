@@ -253,13 +253,14 @@ def _model_of(mechanism: Mechanism, word: str) -> type[RobotContents]:
         for arm in range(space.arms)
     ]
     of_arm = {
-        own: _make_model("ArmContents", **_definitions(*own)) for own in dict.fromkeys(arms_fields)
+        fields: _make_model("ArmContents", **_definitions(*fields))
+        for fields in dict.fromkeys(arms_fields)
     }
     count, keys = COUNTS.get(space.arms, str(space.arms)), len(space.arm_fields())
     arms = Field(description=f"{count} arms, each with its {keys} keys")
     geometry = _make_model(
         "GeometryContents",
-        arms=(tuple[tuple(of_arm[own] for own in arms_fields)], arms),  # type: ignore[misc]
+        arms=(tuple[tuple(of_arm[fields] for fields in arms_fields)], arms),  # type: ignore[misc]
         **_definitions(space.platform_fields(), space.platform_fields(*OPTIONAL)),
     )
     named = ", ".join(("arms", *(field.name for field in space.platform_fields())))
