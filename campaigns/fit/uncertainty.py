@@ -13,7 +13,7 @@ with what remains, B, the variances of coordinates are the diagonal of B C B' (`
 `budget` splits their mean square into shares of the noise and of each prior.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -46,16 +46,23 @@ class NullDirections:
     vectors: Array
     """Orthonormal directions Z, (P, k), in tolerances."""
     names: tuple[tuple[str, ...], ...]
-    """Names of the parameters of each combination; combinations of the tracker alone are left
-    out."""
+    """Names of the parameters of each combination, without those of the tracker alone, and those
+    that a mechanism has but never moves by."""
 
     prior: Array
     """Precision D of the unknowns before the shots, (P, P)."""
 
     @classmethod
-    def spanned_by(cls, vectors: Array, names: tuple[str, ...], prior: Array) -> Self:
-        """Return orthonormal directions (P, k) with the names of the unknowns in each."""
-        return cls(vectors, _name_combinations(vectors, names), prior)
+    def spanned_by(
+        cls, vectors: Array, names: tuple[str, ...], prior: Array, unnamed: Collection[str] = ()
+    ) -> Self:
+        """Return orthonormal directions (P, k) with the names of the unknowns in each.
+
+        Combinations of `unnamed` ones alone are not named.
+        """
+        combinations = _name_combinations(vectors, names)
+        named = (each for each in combinations if not {*each} <= {*TRACKER_SOURCES, *unnamed})
+        return cls(vectors, tuple(named), prior)
 
     @cached_property
     def projector(self) -> Array:
@@ -113,7 +120,9 @@ def null_directions_of(information: Array, names: tuple[str, ...], prior: Array)
     `prior` (P, P) is the precision of the unknowns before the shots.
     """
     values, vectors = np.linalg.eigh(information)
-    return NullDirections.spanned_by(vectors[:, values < UNSEEN_TOLERANCES**-2], names, prior)
+    null = vectors[:, values < UNSEEN_TOLERANCES**-2]
+    without_effect = [name for name, row in zip(names, information, strict=True) if not row.any()]
+    return NullDirections.spanned_by(null, names, prior, without_effect)
 
 
 # Eigenvectors mix all combinations. Reduced echelon form: QR with column pivoting picks the k rows
@@ -125,12 +134,11 @@ def _name_combinations(null: Array, names: tuple[str, ...]) -> tuple[tuple[str, 
         return ()
     pivots = scipy.linalg.qr(null.T, pivoting=True, mode="r")[1][: null.shape[1]]
     echelon = null @ np.linalg.inv(null[pivots])
-    combinations = (
-        tuple(sorted(names[place] for place in np.flatnonzero(np.abs(column) > NAMED_SHARE)))
-        for column in echelon.T
-    )
     return tuple(
-        sorted(members for members in combinations if not {*members} <= {*TRACKER_SOURCES})
+        sorted(
+            tuple(sorted(names[place] for place in np.flatnonzero(np.abs(column) > NAMED_SHARE)))
+            for column in echelon.T
+        )
     )
 
 

@@ -109,6 +109,14 @@ def test_a_direction_is_undetermined_where_three_hundred_tolerances_stay_within_
     assert np.abs(null.vectors[:, 0]) == pytest.approx([0.0, 1.0, 0.0, 0.0, 0.0])
 
 
+def test_a_parameter_without_any_effect_is_undetermined_and_not_named():
+    """A mechanism may have one whose columns are 0 everywhere: no shot will ever show it."""
+    information = np.diag([0.0, 0.1 / 300.0**2, 1.0, 1.0, 1.0])
+    null = uncertainty.null_directions_of(information, NAMES, np.eye(5))
+    assert null.names == (("forearm1_mm",),)
+    assert null.vectors.shape == (5, 2)
+
+
 @pytest.mark.parametrize("with_spread", [False, True])
 @pytest.mark.parametrize("with_former", [False, True])
 def test_shares_of_the_budget_add_up_with_weights_effects_spread_and_a_former_result(
