@@ -63,6 +63,7 @@ reference: $(VENV)/installed-dev
 pictures: $(VENV)/installed-dev
 	$(BIN)/python docs/pictures/make_dry_run.py
 	$(BIN)/python docs/pictures/make_gain.py
+	$(BIN)/python docs/pictures/make_mechanisms.py
 	$(BIN)/python docs/pictures/make_screens.py
 
 bench: $(VENV)/installed-dev

@@ -47,8 +47,8 @@ def find_robot(name: str | Path) -> RobotFile:
     """Return a robot by its shipped name or from its file.
 
     Args:
-        name: `par4-prototype`, `par4-table1`, `h4`, `i4r`, `i4l`, `delta`, `linear-delta`, or the
-            path of a robot file.
+        name: `par4-prototype`, `par4-table1`, `h4`, `i4r`, `i4l`, `delta`, `linear-delta`,
+            `hexapod`, `hexaglide`, `five-bar`, or the path of a robot file.
 
     Returns:
         The robot: `kinematics`, `parameters`, `limits`, `mechanism`, `workspace_centre`.

@@ -21,7 +21,7 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from app.main import COMMANDS, app
-from campaigns.kinematics.catalog import FAMILY
+from campaigns.kinematics.catalog import FAMILY, MECHANISMS
 from campaigns.robots.schema import contents_model
 from campaigns.settings.config import CampaignConfig
 from sim.scenarios.schema import Scenario
@@ -38,7 +38,9 @@ Every option, from the commands' own help: `docs/make_reference.py` writes this 
 TYPES = {"string": "text", "boolean": "true, false", "array": "list", "object": "mapping"}
 CRANKS = tuple(name for name, chain in FAMILY.items() if chain.joints[0].is_revolute)
 RAILS = tuple(name for name in FAMILY if name not in CRANKS)
-GROUPS = {tuple(FAMILY): "all", CRANKS: "cranks", RAILS: "rails"}
+SIX_LEGS = tuple(name for name, each in MECHANISMS.items() if len(each.joints) == 6)
+GROUPS = {"all": tuple(MECHANISMS), "cranks": CRANKS, "rails": RAILS, "six legs": SIX_LEGS}
+"""Words for mechanisms that have keys in common: `cranks` and `rails` are those under a plate."""
 SHARED_BY = 3  # commands from which on an option of one meaning is described once, at the top
 
 
@@ -126,13 +128,23 @@ def wording(text: str) -> str:
 def robot_rows() -> Iterator[tuple[str, ...]]:
     """Yield the keys of robot files of all mechanisms, each with the mechanisms that have it."""
     owners: dict[tuple[str, str, str], list[str]] = {}
-    for name in FAMILY:
+    for name in MECHANISMS:
         for key, value, meaning in keys_of(contents_model(name, DOCS).model_json_schema()):
             words = re.sub("^[XYZ] of", "Place of", meaning).removesuffix(f": {name}")
-            owners.setdefault((key, value, words), []).append(name)
+            if value != "null":  # a key that the mechanism has not
+                owners.setdefault((key, value, words), []).append(name)
     sections = list(dict.fromkeys(key.split(".")[0] for key, *_ in owners))
     for row in sorted(owners, key=lambda row: sections.index(row[0].split(".")[0])):
-        yield *row, GROUPS.get(tuple(owners[row]), ", ".join(owners[row]))
+        yield *row, ", ".join(grouped(owners[row]))
+
+
+def grouped(names: list[str]) -> Iterator[str]:
+    """Yield the groups that are among mechanisms, and then the mechanisms of none of them."""
+    for word, group in GROUPS.items():
+        if {*group} <= {*names}:
+            yield word
+            names = [name for name in names if name not in group]
+    yield from names
 
 
 def commands_page() -> str:

@@ -14,6 +14,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
+from campaigns.errors import ConfigInvalid
 from campaigns.files.csv_file import number_text
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.kinematics.closed_chain import ClosedChain
@@ -57,9 +58,15 @@ def hal_text(robot: RobotFile, identity: str) -> str:
     """Return a parameter set as the text of a HAL file.
 
     Values are written so that they read back as the very same doubles. `identity` is the robot's
-    serial number or name, for the heading. Raise `ConfigInvalid` for ripples of unlike rates, as
-    pkmkins has one rate for all joints.
+    serial number or name, for the heading. Raise `ConfigInvalid` for a mechanism that pkmkins does
+    not compute, and for ripples of unlike rates, as it has one rate for all joints.
     """
+    if not isinstance(robot.mechanism, ClosedChain):
+        raise ConfigInvalid(
+            f"{robot.name}: {MODULE}, our kinematics module for LinuxCNC, computes no "
+            f"{robot.mechanism.name}",
+            remedy="`pkmcal export DIR` writes a robot file, `pkmcal correct` corrects poses",
+        )
     robot.require_known(
         robot.mechanism.parameters.rates,
         "`pkmcal export DIR --format plain` leaves ripples out, and `pkmcal correct` loses nothing",

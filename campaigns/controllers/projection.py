@@ -47,10 +47,15 @@ def project_plain(identified: Kinematics, poses: Array) -> Kinematics:
     """Return the model of plain parameters that is nearest to the identified one.
 
     `poses` (N, t) are spread over the workspace. All optional parameters are 0. Raise
-    `IdentificationRefused` if the identified robot can take too few of the poses, or the plain
-    model cannot be assembled at its joints.
+    `IdentificationRefused` for a mechanism whose plain form is not known, if the identified robot
+    can take too few of the poses, or if the plain model cannot be assembled at its joints.
     """
     mechanism = identified.mechanism
+    if not mechanism.has_forearms:
+        raise IdentificationRefused(
+            f"which parameters a plain controller of a {mechanism.name} has is not known",
+            remedy="export without --format, or correct targets with `pkmcal correct`",
+        )
     solution = identified.inverse(poses)
     if solution.is_solved.sum() < LEAST_SHARE * len(poses):
         raise IdentificationRefused(

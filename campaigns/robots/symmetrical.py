@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from campaigns.errors import ConfigInvalid
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.axes import Interval
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.feasibility import Limits
@@ -63,14 +64,17 @@ def symmetrical_robot(
     limits = like.limits if joint is None else replace(like.limits, joint=joint)
     kinematics = Kinematics.of(mechanism, flat)
     centre_mm = list(middle_of_reach_mm(kinematics, limits))
-    text = "".join(
-        f"{line}\n"
-        for line in (
+    return read_lines(
+        [
             *_heading(mechanism, name, sizes),
-            *_body(mechanism, sizes, name, flat, limits),
-        )
+            *lines_of(mechanism, name, flat, limits),
+            f"  forearm_swing_deg: {round(math.degrees(limits.forearm_swing_rad), 9)}",
+            "# where the forearms' bars sit on their part of the platform: for its tilt alone",
+            f"plate_joints_mm: {_joints_on_platform(mechanism, sizes)}",
+            f"workspace_centre_mm: {centre_mm}",
+        ],
+        name,
     )
-    return parse_robot(f"{text}workspace_centre_mm: {centre_mm}\n", f"{name}.yaml")
 
 
 def _check_lengths(mechanism: ClosedChain, lengths_mm: Mapping[str, float]) -> None:
@@ -101,34 +105,31 @@ def _heading(mechanism: ClosedChain, name: str, sizes: Sizes) -> list[str]:
         f"{name}, made by `pkmcal robot` from its sizes: base {sizes.base_mm:g} mm (the radius of "
         f"{stand}), platform {sizes.platform_mm:g} mm ({joints}), {lengths}."
     )
-    return [*_comment(origin), "#", *_comment(CONTRACTED), "#", *_comment(TYPICAL_LIMITS)]
+    return [*comment(origin), "#", *comment(CONTRACTED), "#", *comment(TYPICAL_LIMITS)]
 
 
-def _comment(text: str) -> list[str]:
+def comment(text: str) -> list[str]:
+    """Return the lines of a comment."""
     return [f"# {line}" for line in textwrap.wrap(text, 97)]
 
 
-def _body(
-    mechanism: ClosedChain, sizes: Sizes, name: str, flat: Mapping[str, float], limits: Limits
+def lines_of(
+    mechanism: Mechanism, name: str, flat: Mapping[str, float], limits: Limits
 ) -> list[str]:
-    """Return the lines of keys and values, without the workspace's centre."""
-    space, joint = mechanism.parameters, mechanism.joints[0]
-    joints_mm = [
-        [*(round(place, 9) for place in _joint_mm(direction_deg, mechanism, sizes)), 0.0]
-        for direction_deg in _directions_deg(mechanism, sizes)
-    ]
+    """Return a robot file's lines of keys and values, up to its limits of joints and poses.
+
+    `flat` holds the parameters by name, mm and deg.
+    """
+    space = mechanism.parameters
     arms = [
-        ", ".join(
-            f"{field.name}: {flat[f'arm{arm}.{field.name}']!r}" for field in space.arm_fields()
-        )
+        ", ".join(f"{field.name}: {flat[f'arm{arm}.{field.name}']!r}" for field in fields)
         for arm in range(space.arms)
+        if (fields := space.arm_fields(arm=arm))
     ]
-    task = zip(mechanism.task, limits.task, strict=True)
-    turns = [
-        f"  {axis.column}: {[round(axis.to_file(end), 9) for end in interval]}"
-        for axis, interval in task
-        if interval is not None
-    ]
+    ranges = {f"joint_{mechanism.joints[0].unit}": (mechanism.joints[0], limits.joint_range)}
+    for axis, interval in zip(mechanism.task, limits.task, strict=True):
+        if interval is not None and not axis.is_fixed:
+            ranges[axis.column] = (axis, interval)
     return [
         f"schema: {SCHEMA}",
         f"mechanism: {mechanism.name}",
@@ -138,11 +139,22 @@ def _body(
         *(f"    - {{{arm}}}" for arm in arms),
         *(f"  {field.name}: {flat[field.name]!r}" for field in space.platform_fields()),
         "limits:",
-        f"  joint_{joint.unit}: {[round(joint.to_file(end), 9) for end in limits.joint]}",
-        *turns,
-        f"  forearm_swing_deg: {round(math.degrees(limits.forearm_swing_rad), 9)}",
-        "# where the forearms' bars sit on their part of the platform: for its tilt alone",
-        f"plate_joints_mm: {joints_mm}",
+        *(
+            f"  {key}: {[round(axis.to_file(end), 9) for end in interval]}"
+            for key, (axis, interval) in ranges.items()
+        ),
+    ]
+
+
+def read_lines(lines: list[str], name: str) -> RobotDocument:
+    """Read the lines of a robot file as a robot; raise `ConfigInvalid`."""
+    return parse_robot("".join(f"{line}\n" for line in lines), f"{name}.yaml")
+
+
+def _joints_on_platform(mechanism: ClosedChain, sizes: Sizes) -> list[list[float]]:
+    return [
+        [*(round(place, 9) for place in _joint_mm(direction_deg, mechanism, sizes)), 0.0]
+        for direction_deg in _directions_deg(mechanism, sizes)
     ]
 
 

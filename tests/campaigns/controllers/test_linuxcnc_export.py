@@ -53,6 +53,13 @@ def test_ripples_of_unlike_rates_are_refused_for_pkmkins_has_one():
         text_of(with_values(NOMINAL, gears | rates))
 
 
+@pytest.mark.parametrize("name", ["hexapod", "five-bar"])
+def test_a_mechanism_that_pkmkins_does_not_compute_is_refused(name):
+    with pytest.raises(ConfigInvalid, match=f"pkmkins.* computes no {name}") as raised:
+        text_of(find_robot(name).robot)
+    assert "pkmcal correct" in raised.value.remedy
+
+
 @pytest.mark.parametrize("name", FAMILY)
 def test_every_mechanism_is_written_in_full_doubles(name):
     nominal = find_robot("par4-prototype" if name == "par4" else name).robot

@@ -8,6 +8,7 @@ from campaigns.controllers.projection import position_errors, project_plain
 from campaigns.errors import IdentificationRefused
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import Role
+from campaigns.robots.robot import find_robot
 
 
 def slightly_tilted(member):
@@ -21,6 +22,13 @@ def slightly_tilted(member):
 
 def rms(controller, robot, poses):
     return np.sqrt(np.mean(position_errors(controller, robot, poses) ** 2))
+
+
+def test_a_mechanism_without_forearms_has_no_plain_form():
+    robot = find_robot("hexapod").robot
+    with pytest.raises(IdentificationRefused, match="plain controller of a hexapod") as raised:
+        project_plain(robot.kinematics, robot.workspace_centre[None])
+    assert "pkmcal correct" in raised.value.remedy
 
 
 @some_members
