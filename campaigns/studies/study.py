@@ -191,10 +191,11 @@ def _position_errors_mm(setup: StudySetup, posterior: Fit, true: Kinematics) -> 
     modelled, real = (
         robot.forward(joints, setup.workspace).values_or_raise() for robot in (identified, true)
     )
-    placed = fit_transform(modelled[:, :3], real[:, :3]).apply(modelled[:, :3])
+    points, real_points = identified.points(modelled), true.points(real)
+    placed = fit_transform(points, real_points).apply(points)
     by_parameters = judged_at(posterior.model, identified, joints, modelled)
     std = position_std_mm(by_parameters, posterior.model_covariance)
-    real_mm = float(np.sqrt(((real[:, :3] - placed) ** 2).sum(axis=1).mean()))
+    real_mm = float(np.sqrt(((real_points - placed) ** 2).sum(axis=1).mean()))
     return real_mm, float(np.sqrt((std**2).mean()))
 
 
