@@ -28,7 +28,16 @@ if TYPE_CHECKING:
     from campaigns.campaign import open_campaign
     from campaigns.evidence import evaluate
     from campaigns.fit.tracker_noise import TrackerUncertainty
+    from campaigns.kinematics.any_mechanism import ImplicitMechanism, closures
+    from campaigns.kinematics.axes import PLANE, POSITION, TURN, TURNS, Axis
+    from campaigns.kinematics.closed_chain import ClosedChain
+    from campaigns.kinematics.feasibility import Limits
+    from campaigns.kinematics.limbs import Carriage, Crank, place_fields, transmission_fields
     from campaigns.kinematics.mechanism import Kinematics
+    from campaigns.kinematics.parameters import ParameterField, Role
+    from campaigns.kinematics.platforms import HingedPlate, Platform, SlidingBars
+    from campaigns.kinematics.rotations import matrices_of, turn_between, turned_by
+    from campaigns.robots.robot import RobotFile
     from campaigns.shots.shots import Shots
     from campaigns.workflow import campaign_steps as workflow
 
@@ -37,9 +46,22 @@ PACKAGES = ("app", "campaigns", "drivers", "sim")
 BAD_INPUT = 2
 """Exit code, as `app.exits` has it."""
 
-HOMES = {
+KINEMATICS = "campaigns.kinematics"
+MECHANISMS = {
+    "any_mechanism": ("ImplicitMechanism", "closures"),
+    "axes": ("PLANE", "POSITION", "TURN", "TURNS", "Axis"),
+    "closed_chain": ("ClosedChain",),
+    "feasibility": ("Limits",),
+    "limbs": ("Carriage", "Crank", "place_fields", "transmission_fields"),
+    "parameters": ("ParameterField", "Role"),
+    "platforms": ("HingedPlate", "Platform", "SlidingBars"),
+    "rotations": ("matrices_of", "turn_between", "turned_by"),
+}
+"""What an author of a mechanism needs, by module of `KINEMATICS`."""
+HOMES = {name: f"{KINEMATICS}.{home}" for home, names in MECHANISMS.items() for name in names} | {
     "Kinematics": "campaigns.kinematics.mechanism",
     "NewOptions": "app.new_campaign",
+    "RobotFile": "campaigns.robots.robot",
     "Shots": "campaigns.shots.shots",
     "TrackerUncertainty": "campaigns.fit.tracker_noise",
     "connected_cell": "app.wiring",
@@ -52,10 +74,27 @@ HOMES = {
 """Modules of the names that are not in `campaigns.api`."""
 
 __all__ = [
+    "PLANE",
+    "POSITION",
+    "TURN",
+    "TURNS",
+    "Axis",
+    "Carriage",
+    "ClosedChain",
+    "Crank",
+    "HingedPlate",
+    "ImplicitMechanism",
     "Kinematics",
+    "Limits",
     "NewOptions",
+    "ParameterField",
+    "Platform",
+    "RobotFile",
+    "Role",
     "Shots",
+    "SlidingBars",
     "TrackerUncertainty",
+    "closures",
     "connected_cell",
     "correct_targets",
     "create_campaign",
@@ -63,12 +102,17 @@ __all__ = [
     "evaluate",
     "find_robot",
     "identify",
+    "matrices_of",
     "open_campaign",
+    "place_fields",
     "plan",
     "prepare",
     "read_shots",
     "sample_workspace",
     "study",
+    "transmission_fields",
+    "turn_between",
+    "turned_by",
     "workflow",
 ]
 

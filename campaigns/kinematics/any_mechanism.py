@@ -49,6 +49,8 @@ STEP_MM = 30.0
 SAME_MM = 1e-3
 """Distance below which two poses are of one assembly."""
 TYPICAL_RADIUS_MM = 100.0
+DIFFERENCE = 1e-5
+"""Step of differences that derivatives of closures are compared with, mm or rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -391,6 +393,10 @@ class ImplicitMechanism(Mechanism):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rates", self._checked_rates())
+        for arm, axis in enumerate(self.joints):
+            offset = f"joint_offset_{axis.unit}"
+            if offset not in {field.name for field in self.parameters.arm_fields(arm=arm)}:
+                raise ValueError(f"arm_fields of {self.name} have no {offset} for joint {arm}")
 
     # --- what a mechanism states ----------------------------------------------------------------
 
@@ -416,6 +422,40 @@ class ImplicitMechanism(Mechanism):
 
         `joints` (N, n) are with their offsets.
         """
+
+    # A step into the imaginary direction passes through `abs` as if nothing moved. Only differences
+    # show it, and every fit would be wrong.
+    @np.errstate(all="ignore")
+    def fault_of_closures(self, p: Array) -> str:
+        """Return what is wrong with the three functions at the home pose; "" for nothing."""
+        fields, size = self.fields_of(p), len(self._moving)
+        home = self.home_poses(np.zeros((1, len(self.joint_kinds))))
+        joints = np.asarray(self.first_joints(fields, home))
+        if joints.shape != (1, len(self.joint_kinds)):
+            return f"first_joints returns the shape {joints.shape}, must be (1, {len(self.joints)})"
+        if not np.isfinite(joints).all():
+            return "out of reach at home, the workspace's centre or the middle of the limits"
+        pose = np.asarray(self.first_pose(fields, joints))
+        if pose.shape != (1, size):
+            return f"first_pose returns the shape {pose.shape}, must be (1, {size})"
+        rows = np.asarray(self.misfit(fields, joints, pose))
+        if rows.shape != (1, size) or not np.isfinite(rows).all():
+            return f"misfit of the first pose is {rows.tolist()}, must be [{size} numbers]"
+        for word, by_pose in (("pose", 1.0), ("joints", 0.0)):
+            axes = np.eye(size if by_pose else joints.shape[1])[:, None]
+            exact, ahead, back = (
+                self.misfit(
+                    fields,
+                    np.asarray(joints if by_pose else joints + step * axes),
+                    np.asarray(pose + step * axes if by_pose else pose),
+                )
+                for step in (1j * STEP, DIFFERENCE, -DIFFERENCE)
+            )
+            slopes = np.subtract(ahead, back) / (2.0 * DIFFERENCE)
+            off = np.abs(np.imag(exact) / STEP - slopes).max()
+            if not off < 1e-4 * (1.0 + np.abs(slopes).max()):
+                return f"misfit loses the imaginary part of its {word}: abs or real in it?"
+        return ""
 
     # --- what follows ---------------------------------------------------------------------------
 
@@ -498,7 +538,7 @@ class ImplicitMechanism(Mechanism):
 
     def _levers(self, poses: Array) -> Array:
         """Return the measured point seen from the controlled one, in the base frame, (N, 3)."""
-        return self.tool_axes(poses) @ np.array(self.reflector_mm)
+        return np.asarray(self.tool_axes(poses) @ np.array(self.reflector_mm))
 
     def _closures(self, fields: Fields, true: Array, pose: Array) -> Array:
         """Return the misfits (…, N, t) at true joints less their offsets, (…, N, n)."""
@@ -630,7 +670,14 @@ class ImplicitMechanism(Mechanism):
 
 
 def closures(*parts: Array) -> Array:
-    """Join closures (…, N, m) that may depend on different steps into rows (…, N, t)."""
+    """Join closures, of which some may not depend on what is stepped.
+
+    Args:
+        parts: Closures (…, N, m), mm or alike; dimensions in front may differ.
+
+    Returns:
+        All closures as columns, (…, N, t).
+    """
     shape = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
     spread = [np.broadcast_to(part, (*shape, part.shape[-1])) for part in parts]
     return np.concatenate(spread, axis=-1)

@@ -26,8 +26,8 @@ class Limits:
     """Lowest and highest value of every joint, rad or mm; of unlike joints one for each, (n,)."""
     task: tuple[Interval | None, ...]
     """Limits of each task coordinate; None: only the workspace limits it."""
-    forearm_swing_rad: float
-    """Largest swing of a forearm out of its arm's plane, or away from its rail."""
+    forearm_swing_rad: float = 0.0
+    """Largest swing of a forearm out of its arm's plane, or away from its rail; of none: 0."""
     singularity_margin: float = SINGULARITY_MARGIN
     elbow_margin: float = ELBOW_MARGIN
 

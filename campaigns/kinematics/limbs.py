@@ -32,7 +32,14 @@ LEVEL_RISE = 0.26
 
 
 def place_fields(of: str) -> tuple[ParameterField, ...]:
-    """Make the fields of a place: `x_mm`, `y_mm` and `z_mm`, in the group `places`."""
+    """Make the fields of a place.
+
+    Args:
+        of: What is there, and in which frame, for people.
+
+    Returns:
+        Fields `x_mm`, `y_mm` and `z_mm` in the group `places`.
+    """
     return tuple(ParameterField(f"{c}_mm", f"{c} of {of}, mm", "place", "places") for c in "xyz")
 
 
@@ -42,7 +49,15 @@ def extension_field(name: str, description: str, group: str) -> ParameterField:
 
 
 def transmission_fields(unit: Literal["deg", "mm"], part: str) -> tuple[ParameterField, ...]:
-    """Make the fields of the encoder and of the gear (deg) or the drive (mm)."""
+    """Make the fields of a joint's encoder, and of its gear or drive.
+
+    Args:
+        unit: `"deg"` of revolute joints, `"mm"` of prismatic ones.
+        part: `"gear"` or `"drive"`, for people.
+
+    Returns:
+        Fields of ratio, eccentricity, ripple, backlash and compliance, which files may leave out.
+    """
     quantity: Literal["small angle", "place"] = "small angle" if unit == "deg" else "place"
     eccentricity = (
         ("eccentricity_sin", "the encoder's eccentricity, factor of sin(reading)", "eccentricity"),

@@ -17,7 +17,15 @@ SMALL_SQUARE = 1e-8
 # Rodrigues' formula: R v = v + s ω×v + c ω×(ω×v), with s = sin φ / φ, c = (1 - cos φ) / φ² and
 # φ = |ω|. φ itself is no derivative of ω at 0, but s and c are series of φ².
 def turned_by(turns: Array, vectors: Sequence[Array]) -> list[Array]:
-    """Return x, y, z (…, N, n) of vectors (…, n) turned by rotation vectors (…, N, 3)."""
+    """Return vectors turned by rotation vectors.
+
+    Args:
+        turns: Rotation vectors (…, N, 3), rad, one for each pose.
+        vectors: x, y and z of vectors, (…, 1, n) each, one for each arm.
+
+    Returns:
+        x, y and z of the turned vectors, (…, N, n) each.
+    """
     axis = [turns[..., place, None] for place in range(3)]
     square = axis[0] ** 2 + axis[1] ** 2 + axis[2] ** 2
     sine, versine = _factors(square)
@@ -27,7 +35,14 @@ def turned_by(turns: Array, vectors: Sequence[Array]) -> list[Array]:
 
 
 def matrices_of(turns: Array) -> Array:
-    """Return the rotation matrices (…, 3, 3) of rotation vectors (…, 3)."""
+    """Return the matrices of rotation vectors.
+
+    Args:
+        turns: Rotation vectors (…, 3), rad.
+
+    Returns:
+        Rotation matrices (…, 3, 3); their columns are the turned axes.
+    """
     columns = turned_by(turns, list(np.eye(3)))
     return np.stack(columns, axis=-2)
 
@@ -37,9 +52,14 @@ def matrices_of(turns: Array) -> Array:
 # smooth where the frames agree. sin φ alone would vanish half a turn away too, where Newton's
 # method would take it for an assembly; the tangent grows beyond bounds there.
 def turn_between(first: Array, second: Array) -> Array:
-    """Return a turn (…, 3) from the first rotation matrices (…, 3, 3) to the second, rad.
+    """Return the turns from rotation matrices to others, as closures compare orientations.
 
-    It is a rotation vector of the length 2 tan(φ/2), that of the angle φ to within φ³ / 12.
+    Args:
+        first: Rotation matrices (…, 3, 3).
+        second: Rotation matrices (…, 3, 3).
+
+    Returns:
+        Rotation vectors (…, 3) of the length 2 tan(φ/2), rad: the angle φ to within φ³ / 12.
     """
     sine = np.asarray(np.cross(first, second, axis=-2).sum(axis=-1))
     trace = (first * second).sum(axis=(-2, -1))

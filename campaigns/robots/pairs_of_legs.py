@@ -110,7 +110,7 @@ def _five_bar(sizes: Sizes) -> tuple[dict[str, float], Limits]:
     aside, ahead = _rounded(reach / 3.0), _rounded(0.28 * reach)
     task = ((-aside, aside), (middle - ahead, middle + ahead), (0.0, 0.0))
     crank = math.radians(CRANK_DEG)
-    return flat, Limits((-crank, crank), task, 0.0)
+    return flat, Limits((-crank, crank), task)
 
 
 MAKERS: Mapping[str, Callable[[Sizes], tuple[dict[str, float], Limits]]] = {
@@ -154,7 +154,7 @@ def _limits_of_turning(
     middle = (0.0, 0.0, -_rounded(math.sqrt(max(down2, 0.0))))
     places = [(m - _rounded(h), m + _rounded(h)) for m, h in zip(middle, box_mm, strict=True)]
     turns = [(-turn, turn) for turn in np.radians(TURNS_DEG).tolist()]
-    return Limits(joint, (*places, *turns), 0.0)
+    return Limits(joint, (*places, *turns))
 
 
 def _rounded(length_mm: float) -> float:

@@ -28,8 +28,9 @@ from campaigns.arrays import Array
 from campaigns.errors import ConfigInvalid
 from campaigns.files import yaml_file
 from campaigns.files.text_file import read_text, write_new_text
-from campaigns.files.wording import suggestion
-from campaigns.kinematics.any_mechanism import Mechanism
+from campaigns.files.wording import shown, suggestion
+from campaigns.fit.error_sources import SOURCES
+from campaigns.kinematics.any_mechanism import ImplicitMechanism, Mechanism
 from campaigns.kinematics.axes import Axis, Interval
 from campaigns.kinematics.catalog import PYTHON, find_mechanism
 from campaigns.kinematics.feasibility import Limits
@@ -87,9 +88,23 @@ class RobotFile:
     def of(
         cls, mechanism: Mechanism, values: Mapping[str, float], *, name: str, limits: Limits
     ) -> Self:
-        """Make a robot of values by name, optional ones 0 if not named; raise `ConfigInvalid`."""
+        """Make a robot of values by name.
+
+        Args:
+            mechanism: Its kind.
+            values: Parameters by name (`arm0.x_mm`), mm, deg and ppm; optional ones may be missing.
+            name: Its name.
+            limits: Limits of its joints and poses, mm and rad; their middle is home.
+
+        Returns:
+            The robot, without a file.
+
+        Raises:
+            ConfigInvalid: A value is missing, unknown or not finite.
+        """
         checked = checked_parameters(mechanism, values, name)
-        return cls(name, mechanism.with_ripples(checked.rates), checked, limits)
+        homed = mechanism.with_ripples(checked.rates).with_home(_home(limits, None))
+        return cls(name, homed, checked, limits)
 
     @property
     def kinematics(self) -> Kinematics:
@@ -380,9 +395,11 @@ def _parse_document(document: yaml_file.YamlDocument) -> RobotDocument:
     require_millimetres(parameters, f"{document.place_of('geometry')}")
     limits = _limits(mechanism, contents.limits)
     complete = _add_plate_and_drives(mechanism, parameters, contents)
+    complete = complete.with_home(_home(limits, contents.workspace_centre_mm))
+    _check_closures(complete, parameters)
     robot = RobotFile(
         contents.name,
-        complete.with_home(_home(limits, contents.workspace_centre_mm)),
+        complete,
         parameters,
         limits,
         contents.provenance,
@@ -477,6 +494,27 @@ def _add_plate_and_drives(
             remedy="correct the encoder gains, eccentricities and ripples, which are small",
         )
     return complete
+
+
+def _check_closures(mechanism: Mechanism, parameters: Parameters) -> None:
+    """Raise `ConfigInvalid` for a mechanism that its own file states wrongly."""
+    remedy = "correct sizes and limits, or the mechanism's file (docs/how-to/own-mechanism.md)"
+    groups = {parameter.field.group: parameter.field for parameter in parameters.table.rows}
+    for group in groups.keys() - SOURCES.keys():
+        raise ConfigInvalid(
+            f"{mechanism.name}: {groups[group].name} has the group {shown(group)}, which is no "
+            f"group of error sources ({suggestion(group, SOURCES)})",
+            remedy=remedy,
+        )
+    if not isinstance(mechanism, ImplicitMechanism):
+        return
+    try:
+        fault = mechanism.fault_of_closures(parameters.vector)
+    except Exception as error:  # other people's code may raise anything
+        fault = f"{type(error).__name__} in its functions: {error}"
+        raise ConfigInvalid(f"{mechanism.name}: {fault}", remedy=remedy) from error
+    if fault:
+        raise ConfigInvalid(f"{mechanism.name}: {fault}", remedy=remedy)
 
 
 def _limits(mechanism: Mechanism, limits: yaml_file.FileModel) -> Limits:

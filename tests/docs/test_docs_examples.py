@@ -4,6 +4,7 @@ import math
 import re
 import runpy
 import shlex
+from pathlib import Path
 
 import pytest
 from pages import PAGES, ROOT, Block, blocks, name_of
@@ -25,6 +26,7 @@ from sim.scenarios.scenario import parse_scenario
 YAML_BLOCKS, CSV_BLOCKS, SHELL_BLOCKS = blocks("yaml"), blocks("csv"), blocks("sh")
 PART_OF_A_CELL = "# part of a cell.yaml\n"
 SCHEMA = re.compile(r"^schema: (\S+)$", re.MULTILINE)
+MODULE = re.compile(r"# (\w+\.py)$", re.MULTILINE)
 NAMED = re.compile(r"(docs/[\w/-]+\.md)(?:#([\w-]+))?")
 ROOMS = ("app", "campaigns", "drivers", "sim")
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
@@ -53,6 +55,7 @@ def test_yaml_example_is_taken_by_our_readers(block, tmp_path):
         new_config(NEEDED | YAML(typ="safe", pure=True).load(block.text))
         return
     kind = schema[1].split("/")[1]
+    write_modules_of_page(block, tmp_path)
     (tmp_path / f"{kind}.yaml").write_text(block.text, encoding="utf-8")
     if kind == "robot":
         read_robot(tmp_path / "robot.yaml")
@@ -62,6 +65,14 @@ def test_yaml_example_is_taken_by_our_readers(block, tmp_path):
         parse_scenario(block.text, block.where)
     else:
         pytest.fail(f"{block.where}: no reader for {schema[1]}")
+
+
+def write_modules_of_page(block: Block, folder: Path) -> None:
+    """Write the files of Python on the block's page: those that begin with their name."""
+    page = block.where.partition(":")[0]
+    for other in blocks("python"):
+        if other.where.startswith(page) and (name := MODULE.match(other.text)):
+            (folder / name[1]).write_text(other.text, encoding="utf-8")
 
 
 @pytest.mark.parametrize("block", CSV_BLOCKS, ids=str)

@@ -74,13 +74,41 @@ def test_the_papers_figures_are_reproduced(capsys):
 @pytest.mark.long
 def test_a_mechanism_of_ones_own_is_planned_and_studied(example, tmp_path):
     made, said = example("own_mechanism")
-    robot = made["robot"]
-    joints = robot.kinematics.inverse(made["pose"]).values_or_raise()
-    np.testing.assert_allclose(robot.kinematics.forward(joints).values[0], made["pose"], atol=1e-9)
-    other = made["par4"].kinematics.inverse(made["pose"]).values
-    assert np.abs(joints - other).max() > 0.01
+    robot, pose = made["robot"], np.array(made["pose"])
+    joints = robot.kinematics.inverse(pose).values_or_raise()
+    np.testing.assert_allclose(robot.kinematics.forward(joints).values[0], pose, atol=1e-9)
+    turned = Rotation.from_euler("z", pose[3]).as_matrix()[:2, :2]
+    for arm, angle in enumerate(joints[0]):
+        x, y, u, v = (
+            robot.parameters[f"arm{arm}.{k}_mm"] for k in ("x", "y", "plate_x", "plate_y")
+        )
+        elbow = np.array([x, y]) + 150.0 * np.array([np.cos(angle), np.sin(angle)])
+        assert np.linalg.norm(pose[:2] + turned @ [u, v] - elbow) == pytest.approx(180.0)
     assert "8 campaigns, 0 failed" in said
     assert (tmp_path / "plan.svg").stat().st_size > 1000
+
+
+def test_a_serial_arm_is_where_its_links_are(example):
+    """By frames of SciPy, one link after the other, with a small turn about y."""
+    made, said = example("serial_arm")
+    robot, rng = made["robot"], np.random.default_rng(1)
+    values = dict(robot.parameters) | {f"arm{k}.beta_deg": 0.1 * k for k in range(6)}
+    bent = RobotFile.of(made["SERIAL_ARM"], values, name="bent", limits=robot.limits).kinematics
+    joints = np.radians(made["READY_DEG"]) + rng.uniform(-0.3, 0.3, (5, 6))
+    for row, pose in zip(joints, bent.forward(joints).values_or_raise(), strict=True):
+        place, frame = np.zeros(3), Rotation.identity()
+        for k, angle in enumerate(row):
+            frame = frame * Rotation.from_euler("z", angle)
+            link = [values[f"arm{k}.a_mm"], 0.0, values[f"arm{k}.d_mm"]]
+            place = place + frame.apply(link)
+            frame = frame * Rotation.from_euler("x", values[f"arm{k}.alpha_deg"], degrees=True)
+            frame = frame * Rotation.from_euler("y", 0.1 * k, degrees=True)
+        assert np.abs(pose[:3] - place).max() < 1e-9
+        assert (Rotation.from_rotvec(pose[3:]) * frame.inv()).magnitude() < 1e-9
+    poses = sample_workspace(robot, 20)
+    there = bent.inverse(poses).values_or_raise()
+    assert np.abs(bent.forward(there).values_or_raise() - poses).max() < 1e-6
+    assert "shots" in said
 
 
 GCODE = "G21 G90 ; mm\nG0 X0 Y0 Z-575 C0\nM3 S100\nG1 X60 C5 F600 (along x)\nM2\n"

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from campaigns.kinematics.any_mechanism import closures
 from campaigns.kinematics.catalog import DELTA
-from campaigns.kinematics.feasibility import Violation
+from campaigns.kinematics.feasibility import Violation, search_extent
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.robots.robot import find_robot
 from pkmcal import sample_workspace
@@ -145,6 +145,26 @@ class TestBothWays:
             robot.kinematics, mechanism=robot.mechanism.with_home(mirrored[0])
         ).feasibility(wide, mirrored)
         assert standing.feasible.all()
+
+    def test_a_pose_that_differs_by_a_turn_alone_is_another_assembly(self):
+        robot = find_robot("hexapod").robot.kinematics
+        poses = poses_of(robot, "hexapod", 3)
+        joints = robot.inverse(poses).values_or_raise()
+        around = poses.copy()
+        full = Rotation.from_rotvec(poses[:, 3:]).as_rotvec()
+        around[:, 3:] = full * (1.0 - 2.0 * np.pi / np.linalg.norm(full, axis=1, keepdims=True))
+        aside = poses + [0.0, 0.0, 0.0, 0.0, 0.0, 0.01]  # noqa: RUF005 - arrays add
+        for given, is_home in ((poses, True), (around, True), (aside, False)):
+            found = robot.mechanism.is_mode_of_home(robot.p, joints, given)
+            assert (found == is_home).all()
+
+    def test_the_box_of_poses_reaches_the_limits_from_a_centre_aside(self):
+        robot = find_robot("hexapod").robot
+        centre = robot.workspace_centre + np.array([60.0, 0.0, -30.0, 0.0, 0.0, 0.0])
+        half = search_extent(robot.mechanism, robot.kinematics.p, robot.limits, centre)
+        low, high = np.array(robot.limits.task).T
+        assert (centre[:3] - half[:3] <= low[:3]).all()
+        assert (centre[:3] + half[:3] >= high[:3]).all()
 
 
 class TestDerivatives:

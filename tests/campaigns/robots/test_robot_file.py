@@ -65,6 +65,12 @@ def changed(geometry=PROTOTYPE.robot.parameters, of=PROTOTYPE, std=None, provena
     return compensated(of, "par4-prototype compensated", parameters, provenance)
 
 
+def test_a_home_out_of_reach_is_told():
+    text = find_robot("five-bar").document.text.replace("[120.0, 380.0]", "[120.0, 1380.0]")
+    with pytest.raises(ConfigInvalid, match="five-bar: out of reach at home"):
+        parse_robot(text, "far.yaml")
+
+
 def test_shipped_robots_are_those_of_reference_and_paper():
     nominal = PAR4_REFERENCE["cases"]["nominal"]
     assert PROTOTYPE.robot.parameters == flat_in(nominal["geometry"])
