@@ -67,7 +67,11 @@ def joints_of_pose(
     # no direction of approach is known at a typed pose: assume the middle of the backlash
     solution = Kinematics.of(mechanism, parameters).inverse(row[None])
     if not solution.is_solved.all():
-        texts = (axis.text(value, ".3f") for axis, value in zip(mechanism.task, row, strict=True))
+        texts = (
+            axis.text(value, ".3f")
+            for axis, value in zip(mechanism.task, row, strict=True)
+            if not axis.is_fixed
+        )
         raise LimitViolation(
             f"pose ({', '.join(texts)}): the mechanism cannot be assembled there",
             remedy="compare the plan's robot file with the parameters in use",

@@ -10,21 +10,23 @@
 # no parameter of K0 can express: tilts, gear errors and backlash. Between two targets the
 # controller moves by K0, so the path is no better than before.
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
-from campaigns.arrays import Array
+from campaigns.arrays import AXES, Array
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.errors import TargetsInvalid
 from campaigns.files.csv_file import CsvColumn, CsvForm, csv_text, number_text, parse_csv
 from campaigns.identification.positions import std_of_positions
 from campaigns.identification.result import ParameterCovariance, PositionStd, StoredLayer
+from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.feasibility import Limits
 from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
 from campaigns.kinematics.transmission import approach_along
-from campaigns.shots.columns import axis_columns, axis_texts, columns_of
+from campaigns.shots.columns import axis_columns, axis_texts, axis_values, columns_of, in_files
 
 NAME = "name"
 
@@ -147,7 +149,7 @@ def correct_poses(text: str, name: str, correction: TargetCorrection) -> Correct
     if not rows:
         raise TargetsInvalid(f"{name}: holds no poses", remedy="give a row for each pose")
     names = [row.text(NAME) for row in rows]
-    wanted = np.array([row.values(columns) for row in rows])
+    wanted = np.array([axis_values(row, task) for row in rows])
 
     def place(row: int) -> str:
         """Return the line of the file, with the name of the pose if it has one."""
@@ -157,22 +159,24 @@ def correct_poses(text: str, name: str, correction: TargetCorrection) -> Correct
     commanded = correction.commanded(wanted, correction.approach(wanted)).values_or_raise()
     sizes_mm = np.linalg.norm(commanded[:, :3] - wanted[:, :3], axis=1)
     std_mm = correction.std_mm(wanted)
-    turns = [column for column, axis in enumerate(task) if axis.is_revolute]
-    turns_deg = np.degrees(commanded - wanted)[:, turns]
-    further = np.column_stack([sizes_mm, turns_deg, std_mm]).tolist()
+    turns = {
+        f"correction_{name}_deg": np.degrees(values)
+        for name, values in _turned(task, wanted, commanded).items()
+    }
+    further = np.column_stack([sizes_mm, *turns.values(), std_mm]).tolist()
     head = (
         NAME,
         *columns,
         *(f"commanded_{column}" for column in columns),
         "correction_mm",
-        *(f"correction_{task[column].column}" for column in turns),
+        *turns,
         "position_std_mm",
     )
     lines = [
         [
             row_name,
             *axis_texts(task, pose),
-            *(_rounded(axis.to_file(value)) for axis, value in zip(task, command, strict=True)),
+            *(_rounded(value) for value in in_files(task, command)),
             *map(_rounded, values),
         ]
         for row_name, pose, command, values in zip(
@@ -185,6 +189,20 @@ def correct_poses(text: str, name: str, correction: TargetCorrection) -> Correct
         (float(sizes_mm.mean()), float(sizes_mm.max())),
         None if np.isnan(std_mm).any() else float(std_mm.max()),
     )
+
+
+# Rotation vectors are no vectors: the way from one to the other is a rotation of its own.
+def _turned(task: Sequence[Axis], wanted: Array, commanded: Array) -> dict[str, Array]:
+    """Return by how much poses (N, t) to command are turned from the wanted ones, (N,), rad.
+
+    By name: of one turn the difference with its sign, of three the size of the turn between them.
+    """
+    names = [axis.name for axis in task[len(AXES) :]]
+    if len(names) < len(AXES):
+        return dict(zip(names, (commanded - wanted)[:, len(AXES) :].T, strict=True))
+    rotation = scipy.spatial.transform.Rotation
+    first, second = (rotation.from_rotvec(poses[:, len(AXES) :]) for poses in (wanted, commanded))
+    return {"rotation": np.asarray((second * first.inv()).magnitude())}
 
 
 def _rounded(value: float) -> str:

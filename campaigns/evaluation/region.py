@@ -37,7 +37,7 @@ class Region:
         inside = std_mm <= FARTHER_OFF * at_shots_mm.max()
         ends, words = dict[str, tuple[float, float]](), list[str]()
         for axis, values in zip(task, poses[inside].T, strict=True):
-            if inside.any():
+            if inside.any() and not axis.is_fixed:
                 low, high = float(values.min()), float(values.max())
                 ends[axis.column] = axis.to_file(low), axis.to_file(high)
                 words.append(f"{axis.name} {axis.to_file(low):.0f} to {axis.text(high, '.0f')}")

@@ -173,6 +173,11 @@ class Mechanism(ABC):
         """Return this mechanism with a pose (t,) well inside the workspace, mm and rad."""
         return self
 
+    @property
+    def is_planar(self) -> bool:
+        """Whether the robot moves in the plane of its base's x and y alone."""
+        return any(axis.is_fixed for axis in self.task)
+
     # --- what may differ ------------------------------------------------------------------------
 
     @property

@@ -98,7 +98,6 @@ def plan_digest(shots: Sequence[PlannedShot], mechanism: Mechanism) -> str:
 
 def plan_text(shots: Sequence[PlannedShot], mechanism: Mechanism) -> str:
     """Return the text of a plan's file."""
-    task, joints = map(columns.axis_columns, (mechanism.task, mechanism.joints))
     return plan_form(mechanism).text(
         [
             {
@@ -106,8 +105,8 @@ def plan_text(shots: Sequence[PlannedShot], mechanism: Mechanism) -> str:
                 "set": shot.purpose.value,
                 "pair": shot.pair,
                 columns.NEST: shot.nest,
-                **dict(zip(task, shot.pose.coordinates, strict=True)),
-                **dict(zip(joints, shot.joints, strict=True)),
+                **columns.axis_cells(mechanism.task, shot.pose.coordinates),
+                **columns.axis_cells(mechanism.joints, shot.joints),
             }
             for shot in shots
         ]

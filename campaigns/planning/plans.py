@@ -229,8 +229,8 @@ def _check_tracker(region: FeasibleRegion) -> None:
         return  # hardly any pose can be taken: the draw of poses says so
     robot_mm = np.vstack([sample[:, :3], base_mm(region.kinematics)])
     # what a robot in a plane fills is flat, which QJ thickens by rounding errors
-    is_planar = any(axis.is_fixed for axis in region.kinematics.mechanism.task)
-    hull = scipy.spatial.ConvexHull(robot_mm, qhull_options="QJ" if is_planar else None).equations
+    options = "QJ" if region.kinematics.mechanism.is_planar else None
+    hull = scipy.spatial.ConvexHull(robot_mm, qhull_options=options).equations
     if (hull[:, :3] @ place + hull[:, -1]).max() > TRACKER_CLEARANCE_MM:
         return
     hint = ", as if it were given in metres" if 0.0 < np.linalg.norm(place) < FARTHEST_M else ""

@@ -180,6 +180,8 @@ def fitting_lines(
 
     # A line is symmetric about the centre, so the impossible point nearest to the centre limits it.
     def fitting_mm(axis: int) -> float:
+        if kinematics.mechanism.task[axis].is_fixed:
+            return lengths_mm[axis]  # there will be no such line
         poses = np.tile(centre, (LINE_PROBES, 1))
         poses[:, axis] += np.linspace(-0.5, 0.5, LINE_PROBES) * lengths_mm[axis]
         if not robot.first_reason(poses):
@@ -252,12 +254,17 @@ def _possible_pairs(shots: Sequence[PlannedShot], robot: Reachable) -> Iterator[
 def _repetitions(
     centre: Array, count: int, robot: Reachable, rng: np.random.Generator
 ) -> Iterator[Planned]:
-    """Repeat one pose from all around it: evenly over a sphere with a random turn."""
+    """Repeat one pose from all around it: evenly over a sphere with a random turn.
+
+    A robot in a plane comes from evenly around a circle.
+    """
     # 1. Directions on a golden spiral (Fibonacci lattice): equal steps of height are equal areas of
     #    a sphere, and turning on by π (1 + √5) each time never repeats. The random turn keeps any
     #    one direction from being special.
     place = np.arange(count) + 0.5
     height = 1.0 - 2.0 * place / count
+    if robot.kinematics.mechanism.is_planar:
+        height[:] = 0.0
     around = np.pi * (1.0 + 5.0**0.5) * place + rng.uniform(0.0, 2.0 * np.pi)
     radius = np.sqrt(1.0 - height**2)
     directions = np.column_stack([radius * np.cos(around), radius * np.sin(around), height])
@@ -280,7 +287,10 @@ def _repetitions(
 def _cube(
     centre: Array, config: ValidationConfig, robot: Reachable, region: FeasibleRegion | None
 ) -> Iterator[Planned]:
-    """Plan cycles through ISO 9283's five poses, unturned, each from the same other one."""
+    """Plan cycles through ISO 9283's five poses, unturned, each from the same other one.
+
+    A robot in a plane visits their projections: corners and middle of a square.
+    """
     # 1. The cube: of the size in campaign.yaml about the centre, or the largest there is.
     edge_mm, middle = config.cube_edge_mm or 0.0, centre.copy()
     if not edge_mm and region is not None:
@@ -290,7 +300,8 @@ def _cube(
     # 2. Its five poses, and cycles through them. The pose before each in the cycle is its approach,
     #    also in the first cycle: by ISO 9283 a pose is repeated from one direction.
     away = np.zeros((len(ISO_POSES), len(centre)))
-    away[:, : len(AXES)] = 0.5 * edge_mm * ISO_PART * ISO_POSES
+    moving = [0.0 if axis.is_fixed else 1.0 for axis in robot.kinematics.mechanism.task[: len(AXES)]]
+    away[:, : len(AXES)] = 0.5 * edge_mm * ISO_PART * ISO_POSES * moving
     poses, notes = _shortened(middle, away, robot.first_reason, "ISO 9283's cube", edge_mm, " mm")
     visits = np.tile(poses, (config.cube_cycles, 1))
     steps = _steps(ShotSet.ISO_CUBE, visits, robot, approaches=np.roll(visits, 1, axis=0))
@@ -302,12 +313,13 @@ def _cube(
 def largest_cube(region: FeasibleRegion) -> tuple[Array, float]:
     """Return middle (3,) and edge, mm, of the largest cube that an unturned plate can measure.
 
-    Its edges are along the base's axes. Edge 0: the region holds none.
+    Its edges are along the base's axes. Edge 0: the region holds none. Of a robot in a plane it is
+    the largest square.
     """
     # A grid over the region's box is judged point by point, and the largest block of good points
     # sought in it; then once more in a finer grid, about the first cube and one step around it.
     middle, half_mm = region.centre[: len(AXES)], region.extent[: len(AXES)]
-    edge_mm = 0.0
+    edge_mm, moving = 0.0, int(np.count_nonzero(half_mm))
     for _ in range(2):
         step_mm = 2.0 * float(half_mm.max()) / CUBE_STEPS
         sides = [
@@ -317,33 +329,38 @@ def largest_cube(region: FeasibleRegion) -> tuple[Array, float]:
         grid = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1)
         poses = np.zeros((grid[..., 0].size, len(region.centre)))
         poses[:, : len(AXES)] = grid.reshape(-1, len(AXES))
-        corner, size = _largest_block(region.allows(poses).reshape(grid.shape[:-1]))
+        # the one step of a plane's z counts for no size
+        allowed = region.allows(poses).reshape(grid.shape[:-1][:moving])
+        corner, size = _largest_block(allowed)
         if size < 2:
             return middle, 0.0
         edge_mm = (size - 1) * step_mm
-        middle = grid[tuple(corner)] + 0.5 * edge_mm
-        half_mm = np.full(len(AXES), 0.5 * edge_mm + step_mm)
+        middle = middle.copy()
+        middle[:moving] = [side[at] + 0.5 * edge_mm for side, at in zip(sides, corner, strict=False)]
+        half_mm = np.where(np.arange(len(AXES)) < moving, 0.5 * edge_mm + step_mm, 0.0)
     return middle, edge_mm
 
 
 def _largest_block(mask: Mask) -> tuple[Index, int]:
-    """Return the first corner (3,) and size of the largest cube of a mask (I, J, K) all true.
+    """Return the first corner and size of the largest cube of a mask (I, J, K), or square of (I, J).
 
-    Of several largest cubes it is the one nearest to their mean; size 0: none.
+    All of it is true. Of several largest cubes it is the one nearest to their mean; size 0: none.
     """
     # Sums over cubes of any size come from cumulative sums along the three axes (a summed-area
     # table): a difference along each axis in turn leaves the count of true points in each cube.
-    counts = np.pad(mask, ((1, 0),) * 3).cumsum(0).cumsum(1).cumsum(2)
+    counts = np.pad(mask, ((1, 0),) * mask.ndim).astype(np.intp)
+    for axis in range(mask.ndim):
+        counts = counts.cumsum(axis)
     for size in range(min(mask.shape), 0, -1):
         inside = counts
-        for axis in range(len(AXES)):
+        for axis in range(mask.ndim):
             along = np.moveaxis(inside, axis, 0)
             inside = np.moveaxis(along[size:] - along[:-size], 0, axis)
-        corners = np.argwhere(inside == size**3)
+        corners = np.argwhere(inside == size**mask.ndim)
         if len(corners):
             away = np.linalg.norm(corners - corners.mean(axis=0), axis=1)
             return np.asarray(corners[np.argmin(away)], dtype=np.intp), size
-    return np.zeros(3, dtype=np.intp), 0
+    return np.zeros(mask.ndim, dtype=np.intp), 0
 
 
 def _rotations(centre: Array, steps: int, robot: Reachable) -> Iterator[Planned]:
@@ -363,8 +380,11 @@ def _rotations(centre: Array, steps: int, robot: Reachable) -> Iterator[Planned]
 
 
 def _lines(centre: Array, config: ValidationConfig, robot: Reachable) -> Iterator[Planned]:
-    """Plan lines along x, y and z through the centre."""
+    """Plan lines along x, y and z through the centre, those along which the robot moves."""
+    task = robot.kinematics.mechanism.task
     for place, (axis, length_mm) in enumerate(zip(AXES, config.line_lengths_mm, strict=True)):
+        if task[place].is_fixed:
+            continue
         away = np.zeros((config.line_points, len(centre)))
         away[:, place] = np.linspace(-0.5, 0.5, config.line_points) * length_mm
         name, judge = f"line along {axis}", robot.line_reason

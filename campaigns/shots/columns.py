@@ -38,10 +38,22 @@ def axis_values(row: CsvRow, axes: Sequence[Axis]) -> tuple[float, ...]:
     return tuple(0.0 if axis.is_fixed else float(row.value(axis.column)) for axis in axes)
 
 
+def axis_cells(axes: Sequence[Axis], values: Sequence[float]) -> dict[str, float]:
+    """Return values of axes, rad or mm, by their columns."""
+    pairs = zip(axes, values, strict=True)
+    return {axis.column: value for axis, value in pairs if not axis.is_fixed}
+
+
+def in_files(axes: Sequence[Axis], values: Sequence[float]) -> list[float]:
+    """Return values of axes, rad or mm, in the units of files: those that files hold."""
+    pairs = zip(axes, values, strict=True)
+    return [axis.to_file(value) for axis, value in pairs if not axis.is_fixed]
+
+
 def axis_texts(axes: Sequence[Axis], values: Sequence[float]) -> list[str]:
     """Write values of axes, rad or mm, in the units of files."""
-    moving = [value for axis, value in zip(axes, values, strict=True) if not axis.is_fixed]
-    return [column.write(value) for column, value in zip(columns_of(axes), moving, strict=True)]
+    cells = axis_cells(axes, values).values()
+    return [column.write(value) for column, value in zip(columns_of(axes), cells, strict=True)]
 
 
 def joint_values(row: CsvRow, axes: Sequence[Axis], purpose: ShotSet) -> tuple[float, ...]:

@@ -22,13 +22,13 @@ from campaigns.evidence import program_path
 from campaigns.files.csv_file import csv_text, fixed_text, number_text
 from campaigns.files.text_file import replace_text
 from campaigns.kinematics.any_mechanism import Mechanism
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Kinematics, NoSolution
 from campaigns.measuring.work import Work
 from campaigns.options import ProgramOptions, ProgramStage, ValidationOptions
 from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.planning.steps import Step
 from campaigns.robots.robot import pose_row
-from campaigns.shots.columns import axis_columns, axis_texts
+from campaigns.shots.columns import axis_columns, axis_texts, in_files
 from campaigns.version import VERSION
 from campaigns.workflow.importing import declared_set
 from campaigns.workflow.running import run_work
@@ -130,7 +130,7 @@ def _stops(work: Work, steps: Sequence[Step], held: Kinematics) -> Iterator[Prog
     """Yield all stops, with the safe ways between them that a run would take.
 
     `held` is the model that the controller computes with, of the point that it controls. Raise
-    `PlanInvalid` if there is no safe way to a shot.
+    `PlanInvalid` if there is no safe way to a shot, or none with poses of that model.
     """
     here: tuple[float, ...] | None = None
     for step in steps:
@@ -141,11 +141,18 @@ def _stops(work: Work, steps: Sequence[Step], held: Kinematics) -> Iterator[Prog
                     f"no safe way to shot {step.planned.shot}", remedy="take it out of plan.csv"
                 )
             *detours, last = legs
-            yield from (ProgramStop(np.array(q), _pose(held, q)) for q in detours)
-            if target is step.planned.joints:
-                yield ProgramStop(np.array(last), _commanded(held, step), step.planned)
-            else:
-                yield ProgramStop(np.array(last), _pose(held, last))
+            try:
+                yield from (ProgramStop(np.array(q), _pose(held, q)) for q in detours)
+                if target is step.planned.joints:
+                    yield ProgramStop(np.array(last), _commanded(held, step), step.planned)
+                else:
+                    yield ProgramStop(np.array(last), _pose(held, last))
+            except NoSolution as error:
+                raise PlanInvalid(
+                    f"the controller's own kinematics cannot be assembled on the way to shot "
+                    f"{step.planned.shot}",
+                    remedy="take it out of plan.csv, or narrow the limits in robot.yaml",
+                ) from error
             here = target
 
 
@@ -184,13 +191,12 @@ def _program_text(
     rows: list[list[str]] = []
     for stop in stops:
         pair, purpose = _pair_and_set(stop)
-        place = zip(task, stop.pose.tolist(), strict=True)
         rows.append(
             [
                 "" if stop.shot is None else str(stop.shot.shot),
                 purpose,
                 pair,
-                *(fixed_text(axis.to_file(value), decimals=6) for axis, value in place),
+                *(fixed_text(value, decimals=6) for value in in_files(task, stop.pose.tolist())),
                 *axis_texts(joints, stop.joints.tolist()),
                 number_text(0.0 if stop.shot is None else dwell_s),
                 "" if rows else about,
