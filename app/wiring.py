@@ -444,7 +444,7 @@ def _layout(campaign: Campaign) -> RobotLayout:
     mechanism = campaign.robot.mechanism
     space = mechanism.parameters
     joints, task = (
-        [Coordinate(axis.name, axis.is_revolute) for axis in axes]
+        [Coordinate(axis.name, axis.is_revolute, axis.is_fixed) for axis in axes]
         for axes in (mechanism.joints, mechanism.task)
     )
     parameters = [(name, space[name].arm, space[name].field.stem) for name in space.names]

@@ -124,7 +124,11 @@ class RobotByHand(RobotController):
         """
         axes = self._layout.coordinates
         shown = zip(axes, values.outer_units(axes, pose.coordinates), strict=True)
-        place = " ".join(f"{a.name} {v:.3f}{' °' if a.is_angle else ' mm'}" for a, v in shown)
+        place = " ".join(
+            f"{axis.name} {value:.3f}{' °' if axis.is_angle else ' mm'}"
+            for axis, value in shown
+            if not axis.is_fixed
+        )
         target = self._settings.joints_of(self._settings.read(), pose)
         self._move(f"move the robot to the pose {place}, by its controller's kinematics", target)
 
@@ -195,7 +199,9 @@ def _names(axes: Sequence[values.Coordinate]) -> str:
 
 
 def _unit(axes: Sequence[values.Coordinate]) -> str:
-    return "deg" if axes[0].is_angle else "mm"
+    """Return the unit of all joints, or one for each where they differ."""
+    units = ["deg" if axis.is_angle else "mm" for axis in axes]
+    return units[0] if len({*units}) == 1 else " ".join(units)
 
 
 class TrackerByHand(LaserTracker):

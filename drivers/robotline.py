@@ -146,6 +146,15 @@ class LineRobot(RobotController):
 
     @override
     def move_pose(self, pose: Pose, speed_fraction: float) -> None:
+        if not self._layout.has_movep:
+            names = " ".join(axis.name for axis in self._layout.coordinates if not axis.is_fixed)
+            raise DeviceRefused(
+                f"robotline {wire.VERSION} moves to poses of x y z and theta, but those of this "
+                f"robot are {names}",
+                remedy="run the tests from a program: `pkmcal plan DIR --program csv`, then "
+                "`pkmcal import DIR FILE --stage before`",
+                code="ARGUMENT",
+            )
         on_wire = outer_units(self._layout.coordinates, pose.coordinates)
         self._begin("MOVEP", wire.MovePose(on_wire, speed_fraction * wire.FASTEST_PERCENT))
 

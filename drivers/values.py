@@ -67,6 +67,8 @@ class Coordinate:
 
     name: str
     is_angle: bool
+    is_fixed: bool = False
+    """Whether it is always 0: the robot moves in a plane."""
 
 
 def outer_units(coordinates: Sequence[Coordinate], values: Sequence[float]) -> tuple[float, ...]:

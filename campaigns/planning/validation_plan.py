@@ -300,7 +300,9 @@ def _cube(
     # 2. Its five poses, and cycles through them. The pose before each in the cycle is its approach,
     #    also in the first cycle: by ISO 9283 a pose is repeated from one direction.
     away = np.zeros((len(ISO_POSES), len(centre)))
-    moving = [0.0 if axis.is_fixed else 1.0 for axis in robot.kinematics.mechanism.task[: len(AXES)]]
+    moving = [
+        0.0 if axis.is_fixed else 1.0 for axis in robot.kinematics.mechanism.task[: len(AXES)]
+    ]
     away[:, : len(AXES)] = 0.5 * edge_mm * ISO_PART * ISO_POSES * moving
     poses, notes = _shortened(middle, away, robot.first_reason, "ISO 9283's cube", edge_mm, " mm")
     visits = np.tile(poses, (config.cube_cycles, 1))
@@ -336,7 +338,9 @@ def largest_cube(region: FeasibleRegion) -> tuple[Array, float]:
             return middle, 0.0
         edge_mm = (size - 1) * step_mm
         middle = middle.copy()
-        middle[:moving] = [side[at] + 0.5 * edge_mm for side, at in zip(sides, corner, strict=False)]
+        middle[:moving] = [
+            side[at] + 0.5 * edge_mm for side, at in zip(sides, corner, strict=False)
+        ]
         half_mm = np.where(np.arange(len(AXES)) < moving, 0.5 * edge_mm + step_mm, 0.0)
     return middle, edge_mm
 

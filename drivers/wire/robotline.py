@@ -18,6 +18,8 @@ VERSION = 1
 LINE_BYTES = 255
 """The longest line; line feed and carriage return count."""
 FASTEST_PERCENT = 100.0
+MOST_COORDINATES = 4
+"""x, y, z and theta of MOVEP."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,12 @@ class RobotLayout:
             words = stem.upper() if arm is None else f"ARM {arm}"
             parts[words] = (*parts.get(words, ()), name)
         return cls(tuple(joints), tuple(coordinates), parts, tuple(extensions))
+
+    @cached_property
+    def has_movep(self) -> bool:
+        """Whether its poses are those of MOVEP: x, y, z, and theta if its platform turns."""
+        is_in_plane = any(axis.is_fixed for axis in self.coordinates)
+        return not is_in_plane and len(self.coordinates) <= MOST_COORDINATES
 
     @cached_property
     def parameters(self) -> frozenset[str]:

@@ -3,7 +3,7 @@
 from math import radians
 
 import pytest
-from robotline_layouts import PAR4_LAYOUT
+from robotline_layouts import FIVE_BAR_ON_A_RAIL, PAR4_LAYOUT, SIX_LEGS
 
 from drivers.by_hand import (
     HandSettings,
@@ -32,20 +32,20 @@ class Person:
         return self.answers.pop(0)
 
 
-def robot(*answers):
+def robot(*answers, layout=PAR4_LAYOUT, target=TARGET):
     person = Person(*answers) if answers else None
     kept = {"plate_mm": 100.0}
     settings = HandSettings(
         serial="SN-1",
-        in_place=(radians(0.02),) * 4,
+        in_place=(radians(0.02),) * len(target),
         read=lambda: dict(kept),
         write=kept.update,
         lacks=lambda names: (),
-        joints_of=lambda held, pose: TARGET,
+        joints_of=lambda held, pose: target,
     )
     made = RobotByHand(
         RobotSurroundings(
-            layout=PAR4_LAYOUT, prompt=person, settings=settings, open_transport=None, clock=None
+            layout=layout, prompt=person, settings=settings, open_transport=None, clock=None
         )
     )
     made.connect()
@@ -89,6 +89,20 @@ def test_pose_is_shown_with_its_coordinates_and_the_joints_to_expect():
     moved.move_pose(Pose(120.0, -35.5, -575.0, radians(30.0)), 0.3)
     assert "x 120.000 mm y -35.500 mm z -575.000 mm theta 30.000 °" in person.asked[0]
     assert moved.state().joints == pytest.approx(TARGET)
+
+
+def test_pose_in_a_plane_has_no_height_and_each_joint_its_unit():
+    person, moved = robot("", layout=FIVE_BAR_ON_A_RAIL, target=(radians(10.0), 25.0))
+    moved.move_pose(Pose(120.0, -35.5, 0.0), 0.3)
+    assert "to the pose x 120.000 mm y -35.500 mm, by its" in person.asked[0]
+    assert "q0 q1 = 10.0000 25.0000 deg mm" in person.asked[0]
+    assert moved.state().joints == pytest.approx((radians(10.0), 25.0))
+
+
+def test_pose_of_six_axes_is_shown_with_its_rotation_vector():
+    person, moved = robot("", layout=SIX_LEGS, target=(10.0,) * 6)
+    moved.move_pose(Pose(1.0, 2.0, 3.0, rotation_rad=(0.0, radians(-5.0), radians(20.0))), 0.3)
+    assert "z 3.000 mm rx 0.000 ° ry -5.000 ° rz 20.000 °" in person.asked[0]
 
 
 def test_parameters_count_as_loaded_once_somebody_says_so():

@@ -3,6 +3,7 @@
 from math import pi, radians
 
 import pytest
+from robotline_layouts import FIVE_BAR_ON_A_RAIL, SIX_LEGS
 from scripted_controller import ANSWER_S, ScriptedController, checked, connected
 
 from drivers import errors
@@ -44,6 +45,23 @@ def test_moves_are_sent_in_millimetres_degrees_and_per_cent(controller):
         ">8 MOVEJ 0.0 90.0 -45.0 180.0 25.0",
         ">9 MOVEP 1.5 -2.5 -575.0 45.0 100.0",
     ]
+
+
+@pytest.mark.parametrize("layout", [SIX_LEGS, FIVE_BAR_ON_A_RAIL])
+def test_robot_with_other_poses_than_movep_has_moves_by_joints_alone(layout):
+    count, turn = len(layout.joints), (0.0, 0.0, 0.1) if layout is SIX_LEGS else None
+    controller = ScriptedController(layout)
+    controller.answers["HELLO"] = f"OK 1 Example%20Robotics Hexapod SN-0042 2.1 {count}"
+    controller.answers["STATE"] = f"OK 0 0 - {' '.join(['1.5'] * count)}"
+    controller.robot.connect()
+    controller.robot.move_joints([0.0] * count, 0.5)
+    assert controller.questions[-1] == f">8 MOVEJ {'0.0 ' * count}50.0"
+    assert len(controller.robot.state().joints) == count
+    asked = len(controller.questions)
+    with pytest.raises(errors.DeviceRefused, match="poses of x y z and theta, but those") as no:
+        controller.robot.move_pose(Pose(1.0, 2.0, 0.0, rotation_rad=turn), 1.0)
+    assert "--program csv" in no.value.remedy
+    assert len(controller.questions) == asked
 
 
 @pytest.mark.parametrize(
