@@ -6,12 +6,12 @@
 # and makes its arguments of what Typer has read.
 
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from math import inf
 from pathlib import Path
 from types import GenericAlias
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 
 import typer
 
@@ -19,7 +19,9 @@ from app.console import Terminal
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.files.wording import shown
+from campaigns.kinematics.axes import Axis
 from campaigns.settings.option import Option
+from campaigns.shots.turn_forms import TurnForm, foreign_columns, has_unknown_turns
 from drivers.values import Vector3
 
 QUESTION = "reflector from the controlled point, measured to 3 mm, x y z mm; Enter: fit it: "
@@ -56,6 +58,14 @@ Plain = Annotated[
 ]
 
 
+Turns = Annotated[
+    TurnForm | None,
+    typer.Option(
+        help="How the file writes three turns of a platform. xyz: R = Rx·Ry·Rz; zyx: R = Rz·Ry·Rx, "
+        "as A B C of KUKA, W P R of Fanuc, roll pitch yaw. Default: by the columns; rx_deg ry_deg "
+        "rz_deg are a rotation vector."
+    ),
+]
 REFLECTOR_HELP = "Reflector on the plate from the controlled point, mm, if it was measured."
 REFLECTOR_METAVAR = "X,Y,Z"
 
@@ -81,6 +91,29 @@ def ask_reflector(terminal: Terminal) -> Vector3 | None:
         except OptionsInvalid as error:
             terminal.note(f"{error.problem}: {error.remedy}, or nothing")
     return None
+
+
+def ask_turns(
+    terminal: Terminal, turns: TurnForm | None, file: Path, task: Sequence[Axis]
+) -> TurnForm | None:
+    """Return how a file writes three turns, asked for where its angles do not tell.
+
+    None: by its columns; their reader refuses angles in unknown order. Raise `OptionsInvalid` for a
+    robot without three turns.
+    """
+    if not foreign_columns(task):
+        if turns is None:
+            return None
+        raise OptionsInvalid(
+            f"--turns {turns} is for platforms with three turns, which this robot's has not",
+            remedy="leave it out",
+        )
+    if turns is not None or not has_unknown_turns(file):
+        return turns
+    prompt, forms = terminal.prompt(), get_args(TurnForm)
+    question = f"{file}: in which order are its turns: {', '.join(forms)}? (zyx: A B C, W P R) "
+    typed = prompt(question).strip() if prompt else ""
+    return cast("TurnForm", typed) if typed in forms else None
 
 
 def folder_and_file(first: Path, second: Path | None) -> tuple[Path, Path]:

@@ -9,7 +9,7 @@ import typer
 
 from app.console import Terminal
 from app.next import tell_next
-from app.options import Force
+from app.options import Force, Turns, ask_turns
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME
 from campaigns.workflow.correction import correct_file
@@ -51,6 +51,7 @@ def command(
     *,
     robot: Robot = None,
     poses: Poses,
+    turns: Turns = None,
     to: To = None,
     force: Force = False,
 ) -> None:
@@ -63,7 +64,8 @@ def command(
     pkmcal correct cell-3 --poses poses.csv --robot found.yaml --to commands.csv
     """
     path = to or poses.parent / f"{poses.stem}{CORRECTED}{poses.suffix}"
-    corrected = correct_file(campaign, poses, path, robot, overwrite=force)
+    turns = ask_turns(terminal, turns, poses, campaign.robot.mechanism.task)
+    corrected = correct_file(campaign, poses, path, robot, turns=turns, overwrite=force)
     mean_mm, max_mm = corrected.correction_mm
     terminal.say(f"written: {path}")
     terminal.say(

@@ -10,7 +10,7 @@ import typer
 
 from app.console import Terminal
 from app.next import tell_next
-from app.options import Folder, folder_and_file
+from app.options import Folder, Turns, ask_turns, folder_and_file
 from app.report.terminal_text import show_validation
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import CoordinatesAmbiguous, OptionsInvalid
@@ -96,6 +96,7 @@ def command(
     encoding: Annotated[
         Encoding | None, typer.Option(help="For points without a byte-order mark. Default: utf-8.")
     ] = None,
+    turns: Turns = None,
     stage: Annotated[
         ValidationStage | None,
         typer.Option(help="Import the shots as a validation before or after calibration."),
@@ -124,7 +125,8 @@ def command(
     pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm
 
     and may go on with set, theta_deg, sxx, sxy, sxz, syy, syz, szz (mm²), temperature_degC, time,
-    and session: a number of the tracker's station.
+    and session: a number of the tracker's station. Turns of a platform with three are rx_deg,
+    ry_deg, rz_deg, or as --turns says.
     The set is "identification", which is the default, "validation", for pairs that the fit never
     uses and that validate it, or "known-length", for the ends of a bar of known_lengths in
     campaign.yaml, without joints.
@@ -170,7 +172,10 @@ def command(
         joints = joints or _planned_joints(campaign, file, stage or "run")
         points = _read_asking(terminal, file, of_points)
         read_in = points.unit
-        rows, joined = join_shots(points, joints, mechanism, join=join, default=default)
+        turns = ask_turns(terminal, turns, joints, mechanism.task)
+        rows, joined = join_shots(
+            points, joints, mechanism, join=join, default=default, turns=turns
+        )
         for note in (*points.notes, joined):
             terminal.note(note)
     elif joints or replace(of_points, unit=None) != PointFormat():
@@ -181,7 +186,9 @@ def command(
         )
     else:
         read_in = unit or "mm"
-        rows = tuple(in_unit(read_shots(file, mechanism, default), MM_PER_UNIT[read_in]))
+        turns = ask_turns(terminal, turns, file, mechanism.task)
+        shots = read_shots(file, mechanism, default, turns)
+        rows = tuple(in_unit(shots, MM_PER_UNIT[read_in]))
     # 3. compare with the robot and the journal, and write the series
     force = force or (stage is None and _may_replace(terminal, campaign, rows, file))
     with terminal.telling(f"reading {file}") as now_at:

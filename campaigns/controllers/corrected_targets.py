@@ -19,7 +19,7 @@ import scipy
 from campaigns.arrays import AXES, Array
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.errors import TargetsInvalid
-from campaigns.files.csv_file import CsvColumn, CsvForm, csv_text, number_text, parse_csv
+from campaigns.files.csv_file import CsvColumn, CsvForm, CsvRow, csv_text, number_text, parse_csv
 from campaigns.identification.positions import std_of_positions
 from campaigns.identification.result import ParameterCovariance, PositionStd, StoredLayer
 from campaigns.kinematics.axes import Axis
@@ -27,6 +27,7 @@ from campaigns.kinematics.feasibility import Limits
 from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
 from campaigns.kinematics.transmission import approach_along
 from campaigns.shots.columns import axis_columns, axis_texts, axis_values, columns_of, in_files
+from campaigns.shots.turn_forms import TurnForm, foreign_columns, turn_values, turns_of
 
 NAME = "name"
 
@@ -135,21 +136,22 @@ class CorrectedFile:
     """Largest 1 σ of a corrected position; None if unknown."""
 
 
-def correct_poses(text: str, name: str, correction: TargetCorrection) -> CorrectedFile:
+def correct_poses(
+    text: str, name: str, correction: TargetCorrection, form: TurnForm | None = None
+) -> CorrectedFile:
     """Correct the wanted poses of a CSV file's text, and return the text of the corrected file.
 
-    Poses are reached in the order of the rows. Raise `TargetsInvalid` naming the first line that
+    `form` is that of three turns; None: as their columns tell. Poses are reached in the order of
+    the rows. Raise `TargetsInvalid` naming the first line that
     is wrong, or whose pose the robot cannot take.
     """
     task = correction.identified.mechanism.task
     columns = axis_columns(task)
-    rows = list(
-        parse_csv(text, name, CsvForm((*columns_of(task), CsvColumn(NAME)), TargetsInvalid))
-    )
+    rows = list(parse_csv(text, name, _form(task)))
     if not rows:
         raise TargetsInvalid(f"{name}: holds no poses", remedy="give a row for each pose")
     names = [row.text(NAME) for row in rows]
-    wanted = np.array([axis_values(row, task) for row in rows])
+    wanted = np.array([_wanted(row, task, form) for row in rows])
 
     def place(row: int) -> str:
         """Return the line of the file, with the name of the pose if it has one."""
@@ -189,6 +191,23 @@ def correct_poses(text: str, name: str, correction: TargetCorrection) -> Correct
         (float(sizes_mm.mean()), float(sizes_mm.max())),
         None if np.isnan(std_mm).any() else float(std_mm.max()),
     )
+
+
+def _form(task: Sequence[Axis]) -> CsvForm:
+    """Return the columns of a file of targets: coordinates, three turns in any form, and names."""
+    foreign = foreign_columns(task)
+    places, turns = columns_of(task[: len(AXES)]), columns_of(turns_of(task), required=not foreign)
+    return CsvForm((*places, *turns, *foreign, CsvColumn(NAME)), TargetsInvalid)
+
+
+def _wanted(row: CsvRow, task: Sequence[Axis], form: TurnForm | None) -> tuple[float, ...]:
+    """Return the pose (t,) of a row, mm and rad; raise `TargetsInvalid`."""
+    if not foreign_columns(task):
+        return axis_values(row, task)
+    if not (turn := turn_values(row, task, form)):
+        names = ",".join(axis_columns(turns_of(task)))
+        raise row.wrong(f"no turn: {names} are missing or empty", remedy="give the whole pose")
+    return (*axis_values(row, task[: len(AXES)]), *turn)
 
 
 # Rotation vectors are no vectors: the way from one to the other is a rotation of its own.

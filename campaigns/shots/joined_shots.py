@@ -29,6 +29,7 @@ from campaigns.shots.columns import axis_columns, check_pairs
 from campaigns.shots.point_files import NAME_JOINT, NamedPoint, PointFile
 from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, ShotSet
 from campaigns.shots.shots_csv import ShotRow, joints_rows
+from campaigns.shots.turn_forms import TurnForm
 from drivers.bounded_files import CSV_BYTES, FileRefused, codec_of, read_bounded
 from drivers.texts import nearest_word
 
@@ -46,16 +47,18 @@ def join_shots(
     *,
     join: Join,
     default: ShotSet = ShotSet.IDENTIFICATION,
+    turns: TurnForm | None = None,
 ) -> tuple[tuple[ShotRow, ...], str]:
     """Return the shots in the order of the joints file, and a note on their pairs.
 
-    `default` is the set of rows that name none. Raises `ShotsInvalid`.
+    `default` is the set of rows that name none, `turns` how the joints file writes three turns.
+    Raises `ShotsInvalid`.
     """
     # Covariance and time of the point file are the tracker's own, so they are used before those
     # that a user may have written beside the joints.
     remedy = "check the name of the joints file"
     text = read_text(joints, ShotsInvalid, if_missing=remedy, most_bytes=CSV_BYTES)
-    rows = [*joints_rows(text, str(joints), mechanism, default)]
+    rows = [*joints_rows(text, str(joints), mechanism, default, turns)]
     if not rows:
         raise ShotsInvalid(f"{joints}: holds no joints", remedy="check that it is the right file")
     matching = _by_order if join == "order" else _by_name

@@ -27,9 +27,9 @@ from campaigns.files.csv_file import (
 )
 from campaigns.files.text_file import read_text, write_text_unless_there
 from campaigns.kinematics.any_mechanism import Mechanism
-from campaigns.kinematics.axes import Axis
 from campaigns.shots import columns
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.turn_forms import TurnForm, foreign_columns, turn_values, turns_of
 from drivers.bounded_files import CSV_BYTES
 from drivers.values import Matrix3, Vector3, is_positive_definite, vector
 
@@ -123,14 +123,18 @@ def in_unit(rows: Sequence[ShotRow], mm: float) -> Iterator[ShotRow]:
 
 
 def read_shots(
-    path: Path, mechanism: Mechanism, default: ShotSet = ShotSet.IDENTIFICATION
+    path: Path,
+    mechanism: Mechanism,
+    default: ShotSet = ShotSet.IDENTIFICATION,
+    turns: TurnForm | None = None,
 ) -> tuple[ShotRow, ...]:
     """Read measured shots of a robot, in the file's order; raise `ShotsInvalid`.
 
-    `default` is the set of rows that name none.
+    `default` is the set of rows that name none, `turns` how three turns are written; None: as their
+    columns tell.
     """
     text = read_text(path, ShotsInvalid, if_missing="check the file's name", most_bytes=CSV_BYTES)
-    return parse_shots(text, str(path), mechanism, default)
+    return parse_shots(text, str(path), mechanism, default, turns)
 
 
 def write_shots(
@@ -141,19 +145,23 @@ def write_shots(
 
 
 def parse_shots(
-    text: str, name: str, mechanism: Mechanism, default: ShotSet = ShotSet.IDENTIFICATION
+    text: str,
+    name: str,
+    mechanism: Mechanism,
+    default: ShotSet = ShotSet.IDENTIFICATION,
+    turns: TurnForm | None = None,
 ) -> tuple[ShotRow, ...]:
     """Read the shots of a file's text; raise `ShotsInvalid` with the line."""
     rows = list(parse_csv(text, name, _form(mechanism)))
     if not rows:
         raise ShotsInvalid(f"{name}: holds no shots", remedy="check that it is the right file")
-    shots = tuple(_shot_of(row, mechanism, default) for row in rows)
+    shots = tuple(_shot_of(row, mechanism, default, turns) for row in rows)
     columns.check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])
     return shots
 
 
 def joints_rows(
-    text: str, name: str, mechanism: Mechanism, default: ShotSet
+    text: str, name: str, mechanism: Mechanism, default: ShotSet, turns: TurnForm | None = None
 ) -> Iterator[tuple[CsvRow, ShotRow]]:
     """Yield each row of a joints file, and its shot; the points are in another file.
 
@@ -161,7 +169,7 @@ def joints_rows(
     `ShotsInvalid` with the line.
     """
     for row in parse_csv(text, name, _form(mechanism, with_points=False)):
-        yield row, _shot_of(row, mechanism, default)
+        yield row, _shot_of(row, mechanism, default, turns)
 
 
 def shots_text(shots: Sequence[ShotRow], mechanism: Mechanism) -> str:
@@ -181,7 +189,8 @@ def _form(mechanism: Mechanism, *, with_points: bool = True) -> CsvForm:
             *columns.columns_of(mechanism.joints),
             *(points if with_points else ()),
             CsvColumn("set"),
-            *columns.columns_of(_turns(mechanism), required=False),
+            *columns.columns_of(turns_of(mechanism.task), required=False),
+            *foreign_columns(mechanism.task),
             *map(side_column, columns.approach_columns(mechanism.joints)),
             *map(side_column, columns.side_columns(mechanism.joints)),
             *map(number_column, (*COVARIANCE_COLUMNS, *TEMPERATURES)),
@@ -193,24 +202,20 @@ def _form(mechanism: Mechanism, *, with_points: bool = True) -> CsvForm:
     )
 
 
-def _turns(mechanism: Mechanism) -> tuple[Axis, ...]:
-    """Return the task axes that a tracker does not see."""
-    return mechanism.task[len(columns.POINT_COLUMNS) :]
-
-
-def _shot_of(row: CsvRow, mechanism: Mechanism, default: ShotSet) -> ShotRow:
+def _shot_of(
+    row: CsvRow, mechanism: Mechanism, default: ShotSet, turns: TurnForm | None
+) -> ShotRow:
     """Return the shot of a row; raise `ShotsInvalid` with its line."""
     # The set comes first: it decides whether pair, joints and nest must be filled or empty.
     purpose = columns.shot_set(row, default)
     has_point = columns.POINT_COLUMNS[0] in row.texts
     x_mm, y_mm, z_mm = row.values(columns.POINT_COLUMNS) if has_point else NOWHERE_MM
-    turns = columns.axis_columns(_turns(mechanism))
     return ShotRow(
         pair=columns.pair_number(row, purpose) if "pair" in row.texts else None,
         joints=columns.joint_values(row, mechanism.joints, purpose),
         point_in_tracker_mm=(x_mm, y_mm, z_mm),
         purpose=purpose,
-        turn=row.values(turns) if any(map(row.text, turns)) else (),
+        turn=turn_values(row, mechanism.task, turns),
         covariance_mm2=_covariance_of(row),
         time=row.text("time") or None,
         nest=columns.nest_name(row, purpose),
@@ -254,7 +259,7 @@ def _values_of(shot: ShotRow, mechanism: Mechanism) -> dict[str, object]:
     }
     for names, cells in (
         (columns.axis_columns(mechanism.joints), shot.joints),
-        (columns.axis_columns(_turns(mechanism)), shot.turn),
+        (columns.axis_columns(turns_of(mechanism.task)), shot.turn),
         (columns.approach_columns(mechanism.joints), shot.approach),
         (columns.POINT_COLUMNS, shot.point_in_tracker_mm),
         (COVARIANCE_COLUMNS, upper),

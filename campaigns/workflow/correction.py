@@ -16,6 +16,7 @@ from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotFile
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
+from campaigns.shots.turn_forms import TurnForm
 from campaigns.workflow.exporting import identified_robot, recorded
 from campaigns.workflow.work import known_sets
 from drivers.bounded_files import CSV_BYTES
@@ -72,17 +73,24 @@ def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
 
 
 def correct_file(
-    campaign: Campaign, source: Path, to: Path, identified: Path | None = None, *, overwrite: bool
+    campaign: Campaign,
+    source: Path,
+    to: Path,
+    identified: Path | None = None,
+    *,
+    turns: TurnForm | None = None,
+    overwrite: bool,
 ) -> CorrectedFile:
     """Correct the poses of the CSV file `source`, and write wanted and commanded poses to `to`.
 
-    `identified` is the robot file to correct with, as in `identified_set`. Raise `TargetsInvalid`
+    `identified` is the robot file to correct with, as in `identified_set`, `turns` how the file
+    writes three turns. Raise `TargetsInvalid`
     for a wrong row, `OutputExists` or `WriteFailed`, and as `identified_set` does.
     """
     text = read_text(source, TargetsInvalid, if_missing="name a CSV file", most_bytes=CSV_BYTES)
     robot = identified_set(campaign, identified)
     form = form_of(robot.provenance, robot.name)
-    corrected = correct_poses(text, str(source), _target_correction(campaign, robot))
+    corrected = correct_poses(text, str(source), _target_correction(campaign, robot), turns)
     with recorded(campaign, to, robot.parameters, "targets", form):
         write_text_unless_there(to, corrected.text, overwrite=overwrite)
     return corrected
