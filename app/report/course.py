@@ -23,6 +23,7 @@ from campaigns.fit.events import Event
 from campaigns.fit.rigid_transforms import Transform
 from campaigns.identification.findings import NAMED_LOG_ODDS, PERIOD, STAND
 from campaigns.identification.result import Diagnosis, Frame, RecordedIdentification
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.shots.shot_sets import ShotSet
 
 SMALLEST_MM = 1e-3
@@ -39,7 +40,7 @@ class Course:
     diagnosis: Diagnosis
     numbers: tuple[int, ...]
     """Numbers of all shots, in the order of time."""
-    is_revolute: bool
+    mechanism: Mechanism
 
     @classmethod
     def of(cls, evidence: Evidence) -> "Course | None":
@@ -56,8 +57,7 @@ class Course:
             in_time = [row for row in stops.order_of_time().tolist() if row in set(rows.tolist())]
             measured = tuple(stops.numbers[row] for row in in_time)
             numbers = measured if {*numbers} <= {*measured} else numbers
-        axis = evidence.campaign.robot.mechanism.joints[0]
-        return cls(identification, diagnosis, numbers, axis.is_revolute)
+        return cls(identification, diagnosis, numbers, evidence.campaign.robot.mechanism)
 
     @property
     def has_slow_stand(self) -> bool:
@@ -208,7 +208,7 @@ class Course:
             first, last = self._places([event.first, event.last]).tolist()
             axes.axvspan(first - 0.5, last + 0.5, color=QUIET, alpha=0.16, linewidth=0.0)
             axes.axvline(first - 0.5, color=INK, linewidth=0.8, linestyle="--")
-            size = size_of(event, revolute=self.is_revolute)
+            size = size_of(event, self.mechanism.joints)
             is_right = first > 0.5 * len(self.numbers)
             axes.text(
                 first - 1.0 if is_right else first + 0.5, 0.99 - ROW * line,
@@ -244,7 +244,7 @@ class Course:
         """Draw the log Bayes factor of a periodic error over its period."""
         rates = np.array(self.diagnosis.rates)
         x, places = "periods a turn", rates
-        if not self.is_revolute:
+        if not self.mechanism.rates_are_of_turns:
             x, places = "period, mm", 2.0 * np.pi / rates
         axes = new_panel("periodic errors of the drives", x, "log Bayes factor")
         axes.plot(places, self.diagnosis.rate_log_factors, color=AFTER, linewidth=0.8)
@@ -255,7 +255,7 @@ class Course:
         for finding in self.identification.judgement.findings:
             if finding.name == PERIOD:
                 rate = float(finding.numbers["rate"])
-                place = rate if self.is_revolute else 2.0 * np.pi / rate
+                place = rate if self.mechanism.rates_are_of_turns else 2.0 * np.pi / rate
                 axes.text(
                     place, 0.99, f"{place:.4g}", transform=axes.get_xaxis_transform(), size=6.0,
                     va="top",

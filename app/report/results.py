@@ -191,7 +191,7 @@ def course_section(evaluation: Evaluation) -> Section:
         return section
     section.table(
         "Wrong shots and changes",
-        tables.events(revolute=course.is_revolute),
+        tables.events(course.mechanism.joints),
         course.identification.judgement.events,
         "Wrong shot: by how far it is off where all others put it. Change: the component that is "
         "largest in its σ, of all parts that explain it nearly as well. U is 2 σ.",

@@ -6,7 +6,7 @@ because commands that print tables must start quickly.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -36,6 +36,7 @@ from campaigns.identification.result import (
     IdentifiedParameter,
     RecordedIdentification,
 )
+from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.parameters import ParameterTable
 
 Stage = Literal["before", "after"]
@@ -114,13 +115,13 @@ FINDINGS: tuple[Column[Finding], ...] = (
 )
 
 
-def events(*, revolute: bool) -> tuple[Column[Event], ...]:
+def events(joints: Sequence[Axis]) -> tuple[Column[Event], ...]:
     """Return the columns of events: kind, shots, part, size with U, remedy."""
     return (
         words("what", lambda event: event.kind),
         words("shots", _shots_of),
         words("part", lambda event: " or ".join(map(part_words, event.parts)) or NOTHING),
-        words("size ± U", lambda event: size_of(event, revolute=revolute)),
+        words("size ± U", lambda event: size_of(event, joints)),
         words("remedy", remedy_of),
     )
 
@@ -302,11 +303,11 @@ def part_of(event: Event) -> str:
     return part_words(event.parts[0]) + (f" (or {others} more)" if others > 0 else "")
 
 
-def size_of(event: Event, *, revolute: bool) -> str:
-    """Return the size of an event with U; a dash where it has none."""
+def size_of(event: Event, joints: Sequence[Axis]) -> str:
+    """Return the size of an event with U, by the robot's joints; a dash where it has none."""
     if event.kind == "no assembly":
         return NOTHING
-    return size_in_words(event, revolute=revolute).replace("-", "−")
+    return size_in_words(event, joints).replace("-", "−")
 
 
 def _shots_of(event: Event) -> str:

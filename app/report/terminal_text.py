@@ -81,7 +81,7 @@ def _left_out(identification: RecordedIdentification) -> Iterator[str]:
         elif event.kind == "no assembly":
             yield f"{excluded.what}: {excluded.reason}: {remedy_of(event)}"
         else:
-            size = tables.size_of(event, revolute=False)  # of a wrong shot always in mm
+            size = tables.size_of(event, ())  # of a wrong shot always in mm
             yield f"{excluded.what}: {size} off where all others put it: {remedy_of(event)}"
 
 

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from campaigns.arrays import Array
+from campaigns.fit.error_sources import scatter_tolerances
 from campaigns.fit.rigid_transforms import away_from_mean
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.shots.shots import Shots
@@ -27,7 +28,8 @@ class RobotScatter:
     point_mm: float = 0.0
     """Of each coordinate."""
     joint: float = 0.0
-    """Of each joint, rad or mm."""
+    """Of the first joint and those of its kind, rad or mm; of others in parts of their tolerance.
+    """
     dof: float = math.inf
     """Degrees of freedom of the estimate."""
     kinematics: Kinematics | None = None
@@ -39,13 +41,12 @@ class RobotScatter:
     ) -> "RobotScatter":
         """Return the scatter that an identification of so many shots estimated.
 
-        `joint` is in deg for cranks and in mm for carriages, as in files.
+        `joint` is that of the first one, in deg or mm as in files.
         """
         # One degree of freedom for each shot: of its three coordinates two are left to the
         # unknowns, more than a fit with priors uses up.
-        revolute = kinematics.mechanism.joints[0].is_revolute
-        in_radians = math.radians(joint) if revolute else joint
-        return cls("identification", point_mm, in_radians, float(max(shots, 1)), kinematics)
+        joint = kinematics.mechanism.joints[0].from_file(joint)
+        return cls("identification", point_mm, joint, float(max(shots, 1)), kinematics)
 
     @classmethod
     def of_visits(cls, visits_mm: Sequence[Array]) -> "RobotScatter":
@@ -85,4 +86,6 @@ class RobotScatter:
         by_joint = self.kinematics.mechanism.point_rows(
             shots.commanded, self.kinematics.joint_jacobian(shots.joints, shots.commanded)
         )
-        return np.asarray(covariance + self.joint**2 * by_joint @ by_joint.swapaxes(1, 2))
+        tolerances = scatter_tolerances(self.kinematics.mechanism.joints)
+        by_scatter = by_joint * (self.joint * tolerances / tolerances[0])
+        return np.asarray(covariance + by_scatter @ by_scatter.swapaxes(1, 2))

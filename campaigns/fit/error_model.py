@@ -173,11 +173,6 @@ class ErrorModel:
         ]
         return tuple(name for name in (*names, *TRACKER_SOURCES) if name not in self.held)
 
-    @property
-    def is_revolute(self) -> bool:
-        """Whether the joints turn."""
-        return self.nominal.mechanism.joints[0].is_revolute
-
     @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Names of the unknowns that are parameters of the robot."""

@@ -9,12 +9,13 @@ This table is the only place that names the sources: priors, the budget, finding
 documentation follow from its rows.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from campaigns.arrays import Array
+from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.parameters import Parameter, Unit
 
 DEG = float(np.pi / 180.0)
@@ -112,6 +113,11 @@ repeat, or joints and points are of different moments."""
 def scatter_tolerance_of_joints(*, revolute: bool) -> float:
     """Return the tolerance (1 σ) of the scatter of joints, rad of cranks, mm of carriages."""
     return 5 * ARCMIN if revolute else 0.1
+
+
+def scatter_tolerances(joints: Sequence[Axis]) -> Array:
+    """Return the tolerance (1 σ) of the scatter of each joint, (n,), rad or mm."""
+    return np.array([scatter_tolerance_of_joints(revolute=axis.is_revolute) for axis in joints])
 
 
 def tolerance_of(parameter: Parameter) -> float:

@@ -52,6 +52,7 @@ from campaigns.fit.fit import (
 )
 from campaigns.fit.layers import LAYERS, likely_layers
 from campaigns.fit.periods import likely_ripples
+from campaigns.kinematics.axes import Axis
 
 ALARM = 0.01
 """Prior probability that anything changed during a campaign."""
@@ -352,22 +353,24 @@ def log_factors_since_prior(fit: Fit) -> dict[str, float]:
 
 # A change z of one unknown with information I raises log B by ½ z² I less ½ log(1 + I): it is found
 # once the mean over M parts exceeds 1 / α.
-def visible_changes(fit: Fit) -> dict[str, float]:
+def visible_changes(fit: Fit) -> dict[tuple[str, bool], float]:
     """Return the smallest change of each kind of part that all shots would show, rad or mm.
 
-    That is of any arm, and in any direction of a mount.
+    That is of any arm, and in any direction of a mount; by the part's word and whether it is an
+    angle.
     """
     parts = {part: step for part, step in candidate_parts(fit.model).items() if part != FRAME}
-    visible: dict[str, float] = {}
+    visible: dict[tuple[str, bool], float] = {}
     for part, step in parts.items():
         columns = fit.whitened.columns(fit.at.columns_of(step, fit.observations))
         information = fit.whitened.information(columns)
         least = max(float(np.linalg.eigvalsh(information)[0]), 1e-12)
         needed = np.log(len(parts) * len(USUAL_CHANGES) / ALARM) + 0.5 * np.log1p(least)
         word = part.split()[0]
-        usual = ENCODER_RAD if word == "encoder" and fit.model.is_revolute else STEP_MM
+        is_angle = changes_by_angle(part, fit.model.nominal.mechanism.joints)
+        usual = ENCODER_RAD if is_angle else STEP_MM
         size = usual * float(np.sqrt(2.0 * needed / least))
-        visible[word] = max(visible.get(word, 0.0), size)
+        visible[word, is_angle] = max(visible.get((word, is_angle), 0.0), size)
     return visible
 
 
@@ -396,6 +399,12 @@ def _with_stand_held(fit: Fit) -> Fit:
     return replace(fit, sizes={**fit.sizes, "stand": STAND_HELD}) if "stand" in fit.sizes else fit
 
 
+def changes_by_angle(part: str, joints: Sequence[Axis]) -> bool:
+    """Return whether a part, as `encoder 2`, changes by an angle: that of a joint that turns."""
+    word, _, arm = part.partition(" ")
+    return word == "encoder" and joints[int(arm)].is_revolute
+
+
 # A part's usual change in tolerances of the unknowns that describe it.
 def candidate_parts(model: ErrorModel) -> dict[str, Step]:
     """Return a change of each part that may change, over all shots, by the part's name."""
@@ -409,10 +418,11 @@ def candidate_parts(model: ErrorModel) -> dict[str, Step]:
                 for place, name in enumerate(model.parameters)
                 if table[name].arm == arm and table[name].field.stem in stems
             )
-            step = ENCODER_RAD if word == "encoder" and model.is_revolute else STEP_MM
+            name = f"{word} {arm}"
+            is_angle = changes_by_angle(name, model.nominal.mechanism.joints)
+            step = ENCODER_RAD if is_angle else STEP_MM
             changes = tuple((step / model.tolerance[list(places)]).tolist())
             if places:
-                name = f"{word} {arm}"
                 parts[name] = Step(name, -np.inf, np.inf, changes, places, size)
     return parts
 
@@ -568,7 +578,7 @@ def _changes(fit: Fit) -> Iterator[Event]:
         if effect.part == FRAME:  # a turn moves each point by another amount
             moves = fit.at.columns_of(effect, fit.observations)[rows].reshape(-1, len(z))
         else:
-            is_angle = effect.part.startswith("encoder") and fit.model.is_revolute
+            is_angle = changes_by_angle(effect.part, fit.model.nominal.mechanism.joints)
             moves = np.eye(len(z)) * (ENCODER_RAD if is_angle else STEP_MM)
         sizes, stds = moves @ z, np.sqrt(np.einsum("ij,jk,ik->i", moves, covariance, moves))
         surest = int((np.abs(sizes) / stds).argmax())

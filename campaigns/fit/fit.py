@@ -45,7 +45,7 @@ from campaigns.fit.error_model import (
     frame_motion,
     moved_frames,
 )
-from campaigns.fit.error_sources import SCATTER_TOLERANCE_MM, SOURCES, scatter_tolerance_of_joints
+from campaigns.fit.error_sources import SCATTER_TOLERANCE_MM, SOURCES, scatter_tolerances
 from campaigns.fit.rigid_transforms import Transform
 
 MOST_ROUNDS = 40
@@ -326,11 +326,15 @@ class Fit:
 
     @property
     def scatter(self) -> tuple[float, float]:
-        """1 σ of the scatter of the robot's point an axis, mm, and of its joints, rad or mm."""
+        """1 σ of the scatter of the robot's point an axis, mm, and of its first joint, rad, mm."""
         # parts of the noise are stated at their tolerances, and factors multiply variances
-        joint = scatter_tolerance_of_joints(revolute=self.model.is_revolute)
-        point, joints = self.factors["points"] ** 0.5, self.factors["joints"] ** 0.5
-        return SCATTER_TOLERANCE_MM * point, joint * joints
+        return SCATTER_TOLERANCE_MM * self.factors["points"] ** 0.5, float(self.joint_scatters[0])
+
+    @property
+    def joint_scatters(self) -> Array:
+        """1 σ of the scatter of each joint, (n,), rad or mm: alike in parts of their tolerances."""
+        joints = self.model.nominal.mechanism.joints
+        return np.asarray(scatter_tolerances(joints) * self.factors["joints"] ** 0.5)
 
 
 # Gauss-Newton solves (A'WA + D) step = -(A'W r + D (x - μ)).
@@ -663,12 +667,13 @@ def _noise_ratios(fit: Fit, *, is_cauchy: bool) -> dict[str, float]:
 
 
 # Parts V_k of a shot's covariance: the tracker's; s² 1 for the scatter of the robot's point, alike
-# in all directions; σ_q² J J' for the scatter of its joints, with J = ∂point/∂joints.
+# in all directions; J Q J' for the scatter of its joints, with J = ∂point/∂joints and their
+# variances Q.
 def noise_parts(model: ErrorModel, observations: Observations, by_joint: Array) -> dict[str, Array]:
     """Return the parts of the noise (N, 3, 3): the tracker's, the robot's at its tolerances."""
-    joint = scatter_tolerance_of_joints(revolute=model.is_revolute)
+    by_scatter = by_joint * scatter_tolerances(model.nominal.mechanism.joints)
     point = np.broadcast_to(SCATTER_TOLERANCE_MM**2 * np.eye(3), (len(observations), 3, 3))
-    of_joints = joint**2 * by_joint @ by_joint.swapaxes(1, 2)
+    of_joints = by_scatter @ by_scatter.swapaxes(1, 2)
     return {**observations.noise, "points": point, "joints": of_joints}
 
 

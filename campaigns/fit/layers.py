@@ -63,8 +63,11 @@ def candidate_layers(fit: Fit) -> list[Layer]:
         for length in PLACE_LENGTHS
         for columns in range(2, places.shape[1] + 1)
     ]
+    kinds = {axis.is_revolute for axis in fit.model.nominal.mechanism.joints}
+    if len(kinds) > 1:
+        return layers  # no length compares angles of cranks with ways of carriages
     angles = tuple(joint[:, None] for joint in joints.T)
-    span, usual = float(np.ptp(joints)), USUAL_RAD if fit.model.is_revolute else USUAL_MM
+    span, usual = float(np.ptp(joints)), USUAL_RAD if kinds == {True} else USUAL_MM
     return layers + [Layer.over("arms", angles, length * span, usual) for length in ANGLE_LENGTHS]
 
 

@@ -28,7 +28,7 @@ class PeriodScan:
     rates: Array
     """rad per rad or per mm of the joints, (R,)."""
     log_factors: Array
-    """(R, 1 + n): of one rate in all arms, then of a rate in each arm alone."""
+    """(R, 1 + k): of one rate in all arms that ripple, then of a rate in each of them alone."""
 
     @property
     def log_mean(self) -> float:
@@ -42,17 +42,22 @@ class PeriodScan:
 # neighbouring rates differ by a quarter period over the joints' motion.
 def scan_periods(fit: Fit) -> PeriodScan:
     """Return the factors of periodic errors of the joints by their rate."""
-    joints, model = fit.observations.joints, fit.model
-    low, high = (6.0, 250.0) if model.is_revolute else (2.0 * np.pi / 80.0, 2.0 * np.pi / 3.0)
+    mechanism = fit.model.nominal.mechanism
+    if not len(mechanism.rippling):
+        return PeriodScan(np.empty(0), np.empty((0, 1)))
+    joints, low, high = fit.observations.joints[:, mechanism.rippling], 6.0, 250.0
+    if not mechanism.rates_are_of_turns:
+        low, high = 2.0 * np.pi / 80.0, 2.0 * np.pi / 3.0
     rates = np.arange(low, high, 0.5 * np.pi / np.ptp(joints, axis=0).max())
     return PeriodScan(rates, _factors_of_rates(fit, rates))
 
 
 def _factors_of_rates(fit: Fit, rates: Array) -> Array:
-    """Return the log Bayes factors (R, 1 + n) of sine and cosine of each rate."""
-    joints, white = fit.observations.joints, fit.whitened
+    """Return the log Bayes factors (R, 1 + k) of sine and cosine of each rate."""
+    rippling, white = fit.model.nominal.mechanism.rippling, fit.whitened
+    joints = fit.observations.joints[:, rippling]
     count, arms, shots = len(rates), joints.shape[1], len(joints)
-    by_joint = white.root @ (ripple_tolerance(fit.model) * fit.at.by_joint)
+    by_joint = white.root @ (ripple_tolerance(fit.model) * fit.at.by_joint[..., rippling])
     explained = white.explained.T.reshape(shots, 3, -1)
     columns = np.empty((count, 2 * arms, 3 * shots))
     shared = np.empty((count, 2 * arms, explained.shape[2]))
@@ -74,15 +79,15 @@ def _factors_of_rates(fit: Fit, rates: Array) -> Array:
 
 def ripple_tolerance(model: ErrorModel) -> float:
     """Return the usual amplitude of a ripple, rad or mm."""
-    return 20 * ARCSEC if model.is_revolute else 0.02
+    return 20 * ARCSEC if model.nominal.mechanism.rates_are_of_turns else 0.02
 
 
 def likely_ripples(fit: Fit) -> Iterator[Ripple]:
     """Yield the likeliest periodic error, if any period is likelier than none."""
-    result = scan_periods(fit)
-    if result.log_mean <= 0.0:
+    result, rippling = scan_periods(fit), fit.model.nominal.mechanism.rippling.tolist()
+    if not rippling or result.log_mean <= 0.0:
         return
-    rates, arms = result.rates, fit.observations.joints.shape[1]
+    rates, arms = result.rates, len(rippling)
     means = np.logaddexp.reduce(result.log_factors, axis=0)
     means[1:] -= np.log(arms)
     best = int(means.argmax())
@@ -91,7 +96,7 @@ def likely_ripples(fit: Fit) -> Iterator[Ripple]:
     peak = float(rates[result.log_factors[:, best].argmax()])
     fine = peak + step * np.linspace(-1.0, 1.0, 21)
     rate = float(fine[_factors_of_rates(fit, fine)[:, best].argmax()])
-    moved = tuple(range(arms)) if best == 0 else (best - 1,)
+    moved = tuple(rippling) if best == 0 else (rippling[best - 1],)
     odds = -np.log(2.0 * len(rates) * (1 if best == 0 else arms))
     yield Ripple(moved, rate, step, ripple_tolerance(fit.model), float(odds))
 
@@ -111,7 +116,7 @@ def with_periods_of_robot(fit: Fit) -> Fit:
         rates = list(mechanism.rates)
         for effect in of_robot:
             for arm in effect.arms:
-                rates[arm] = rate_in_file(effect.rate, is_revolute=fit.model.is_revolute)
+                rates[arm] = rate_in_file(effect.rate, is_revolute=mechanism.rates_are_of_turns)
         robot = Kinematics(mechanism.with_ripples(rates), fit.model.nominal.p)
         fit = settle(fit, fit.model.with_robot(robot, effects))
     return fit
@@ -142,7 +147,7 @@ def _amplitudes(fit: Fit, arms: tuple[int, ...]) -> tuple[float, ...]:
 
 def places_of_ripples(model: ErrorModel, arms: tuple[int, ...]) -> list[int]:
     """Return the places of sine and cosine of the ripples of these arms among the unknowns."""
-    unit = "deg" if model.is_revolute else "mm"
+    unit = "deg" if model.nominal.mechanism.rates_are_of_turns else "mm"
     names = (f"arm{arm}.ripple_{wave}_{unit}" for arm in arms for wave in ("sin", "cos"))
     return [model.names.index(name) for name in names]
 

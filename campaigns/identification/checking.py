@@ -310,8 +310,7 @@ def _shots_words(numbers: Sequence[int]) -> str:
 
 def _visible_changes(fit: Fit) -> Iterator[str]:
     """Yield the smallest change of each kind of part that would have been found, of any arm."""
-    for word, size in visible_changes(fit).items():
-        in_degrees = word == "encoder" and fit.model.is_revolute
+    for (word, in_degrees), size in visible_changes(fit).items():
         yield f"{word} {np.degrees(size):.2g}°" if in_degrees else f"{word} {size:.2g} mm"
 
 

@@ -27,10 +27,11 @@ from campaigns.fit.error_sources import (
     TRACKER_SOURCES,
     scatter_tolerance_of_joints,
 )
-from campaigns.fit.events import Event
+from campaigns.fit.events import Event, changes_by_angle
 from campaigns.fit.fit import Fit
 from campaigns.fit.periods import places_of_ripples
 from campaigns.fit.uncertainty import NullDirections
+from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.parameters import SIGNS
 
 FAR_TOLERANCES = 3.0
@@ -165,8 +166,7 @@ def scatter_findings(fit: Fit) -> Iterator[Finding]:
     """Yield a finding where points or joints scatter beyond any robot that repeats."""
     # The fit would explain any nonsense as scatter, for its size is estimated. No robot repeats so
     # badly: joints and points do not belong together.
-    (point, joint), axis = fit.scatter, fit.model.nominal.mechanism.joints[0]
-    limit = scatter_tolerance_of_joints(revolute=axis.is_revolute)
+    point, _ = fit.scatter
     remedy = (
         "joints and points may be of different instants, angles in degrees and minutes, or of "
         "another robot"
@@ -174,11 +174,29 @@ def scatter_findings(fit: Fit) -> Iterator[Finding]:
     if point > SCATTER_TOLERANCE_MM:
         says = f"the points scatter by {point:.3g} mm, limit {SCATTER_TOLERANCE_MM:g} mm: {remedy}"
         yield Finding(SCATTER, says, "fail", {"mm": point})
+    # the joints of both kinds scatter alike in parts of their tolerances
+    revolute, joint = next(_kinds_of_joints(fit))
+    limit = scatter_tolerance_of_joints(revolute=revolute)
     if joint > limit:
-        unit, sign = (ARCMIN, "′") if axis.is_revolute else (1.0, " mm")
+        unit, sign = (ARCMIN, "′") if revolute else (1.0, " mm")
         size, limit = joint / unit, limit / unit
         says = f"the joints scatter by {size:.3g}{sign}, limit {limit:g}{sign}: {remedy}"
         yield Finding(SCATTER, says, "fail", {"joints": size})
+
+
+def scatter_in_words(fit: Fit) -> str:
+    """Return the scatter of joints, 1 σ, of each kind that the robot has."""
+    return " and ".join(
+        f"{size / ARCMIN:.2g}′" if revolute else f"{size:.2g} mm"
+        for revolute, size in _kinds_of_joints(fit)
+    )
+
+
+def _kinds_of_joints(fit: Fit) -> Iterator[tuple[bool, float]]:
+    """Yield for each kind of joint whether it turns, and its scatter, rad or mm."""
+    joints = fit.model.nominal.mechanism.joints
+    turns = [axis.is_revolute for axis in joints]
+    yield from dict(zip(turns, fit.joint_scatters.tolist(), strict=True)).items()
 
 
 # A layer of several directions has as many sizes: what it moves at the shots is what counts.
@@ -255,7 +273,6 @@ def _layer_finding(fit: Fit, effect: Layer, where: slice) -> Iterator[Finding]:
 
 
 def _period_finding(fit: Fit, effect: Ripple | RateError, where: slice) -> Finding:
-    axis = fit.model.nominal.mechanism.joints[0]
     waves = np.array(effect.amplitudes)
     if isinstance(effect, Ripple):
         waves = fit.at.x[where][:-1] * effect.usual
@@ -263,7 +280,7 @@ def _period_finding(fit: Fit, effect: Ripple | RateError, where: slice) -> Findi
     worst = float(amplitudes.max())
     rate_std = effect.rate_std * float(np.sqrt(fit.covariance[where, where][-1, -1]))
     which = "all arms" if len(effect.arms) > 1 else f"arm {effect.arms[0]}"
-    if axis.is_revolute:
+    if fit.model.nominal.mechanism.rates_are_of_turns:
         size = f"{worst / ARCMIN:.2g}′"
         period = f"{effect.rate:.4g} ± {COVERAGE * rate_std:.1g} periods a turn"
     else:
@@ -275,15 +292,15 @@ def _period_finding(fit: Fit, effect: Ripple | RateError, where: slice) -> Findi
 
 
 def change_findings(
-    events: Sequence[Event], numbers: Sequence[int], *, revolute: bool
+    events: Sequence[Event], numbers: Sequence[int], joints: Sequence[Axis]
 ) -> Iterator[Finding]:
     """Yield a finding for each change of a part in time.
 
-    `numbers` are the numbers of all shots in the order of time.
+    `numbers` are the numbers of all shots in the order of time, `joints` the robot's.
     """
     for event in events:
         if event.kind == "change":
-            yield _change_finding(event, numbers, revolute=revolute)
+            yield _change_finding(event, numbers, joints)
 
 
 # Single wrong shots have no weight and only are reported. Above a share they fail the result: so
@@ -339,18 +356,18 @@ def _shots_words(events: Sequence[Event]) -> str:
     return f"shots {', '.join(map(str, named))}" + (f" and {more} more" if more > 0 else "")
 
 
-def _change_finding(event: Event, numbers: Sequence[int], *, revolute: bool) -> Finding:
+def _change_finding(event: Event, numbers: Sequence[int], joints: Sequence[Axis]) -> Finding:
     """Say which parts changed between which shots, by how much, and what to do."""
     # A change that ends before the last shot was taken back: the shots within it are measured
     # again. One that stays divides the campaign: the robot of today is the one after it.
     first, last = event.first, event.last
     before = numbers[max(numbers.index(first) - 1, 0)]
-    scale, _ = _unit_of(event, revolute=revolute)
+    scale, _ = _unit_of(event, joints)
     parts = " or ".join(part_words(part) for part in event.parts)
     where = f"between shots {before} and {first}"
     if not event.is_lasting:
         where = f"from shot {first} to {last}"
-    size = size_in_words(event, revolute=revolute)
+    size = size_in_words(event, joints)
     says = f"{parts} changed {where}, by {size}: {remedy_of(event)}"
     numbers_of: dict[str, float | str] = {
         "part": event.parts[0], "after_shot": float(before), "before_shot": float(first),
@@ -361,15 +378,15 @@ def _change_finding(event: Event, numbers: Sequence[int], *, revolute: bool) -> 
     return Finding(CHANGE, says, "fail", numbers_of)
 
 
-def _unit_of(event: Event, *, revolute: bool) -> tuple[float, str]:
+def _unit_of(event: Event, joints: Sequence[Axis]) -> tuple[float, str]:
     """Return the factor and the unit of an event's size in words: ° of an encoder, else mm."""
-    is_angle = revolute and any(part.startswith("encoder") for part in event.parts[:1])
+    is_angle = any(changes_by_angle(part, joints) for part in event.parts[:1])
     return (float(np.degrees(1.0)), "°") if is_angle else (1.0, " mm")
 
 
-def size_in_words(event: Event, *, revolute: bool) -> str:
+def size_in_words(event: Event, joints: Sequence[Axis]) -> str:
     """Return the size of an event with its U; a wrong shot is off without a sign."""
-    scale, unit = _unit_of(event, revolute=revolute)
+    scale, unit = _unit_of(event, joints)
     size, expanded = scale * event.size, COVERAGE * scale * event.std
     sign = "+" if event.kind == "change" else ""
     return f"{size:{sign}.3g} ± {expanded:.2g}{unit}"

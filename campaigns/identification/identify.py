@@ -387,13 +387,13 @@ class _JudgedCampaign:
 
     def _scatter(self, fit: Fit) -> Scatter:
         # Factors multiply variances: their roots multiply σ of the data sheet.
-        factors, axis = fit.factors, self.nominal.mechanism.joints[0]
+        factors, joints = fit.factors, self.nominal.mechanism.joints
         point, joint = fit.scatter
-        joint = axis.to_file(joint)
+        joint = joints[0].to_file(joint)
         of_instrument: dict[str, float] = {
             part: factors[part] ** 0.5 for part in ("along", "across") if part in factors
         }
-        shown = f"{60.0 * joint:.2g}′" if axis.is_revolute else f"{joint:.2g} mm"
+        shown = findings.scatter_in_words(fit)
         says = (
             f"robot repeatability: {point:.3g} mm per axis, {shown} per joint (1 σ), included in σ"
         )
@@ -481,7 +481,8 @@ class _JudgedCampaign:
         yield from findings.scatter_findings(fit)
         yield from findings.effect_findings(fit)
         numbers = np.array(self.shots.numbers)[self._judged_rows].tolist()
-        yield from findings.change_findings(self.events, numbers, revolute=fit.model.is_revolute)
+        joints = self.nominal.mechanism.joints
+        yield from findings.change_findings(self.events, numbers, joints)
         sets = [
             np.array(self.shots.numbers)[self.shots.rows_of(purpose)].tolist()
             for purpose in (ShotSet.IDENTIFICATION, ShotSet.VALIDATION, ShotSet.CHECK)

@@ -81,9 +81,9 @@ def uncertainty_over_workspace(
         return Uncertainty()
     covariance = fit.covariance[: fit.model.size, : fit.model.size]
     between_shots = unseen_covariances(fit, robot.by_moves, both).trace(axis1=1, axis2=2)
-    point, joint = fit.scatter
-    by_joint2 = (robot.by_moves["joints"] ** 2).sum(axis=(1, 2))
-    repeats = repeating * (3.0 * point**2 + joint**2 * by_joint2)
+    point, _ = fit.scatter
+    by_joints2 = ((robot.by_moves["joints"] * fit.joint_scatters) ** 2).sum(axis=(1, 2))
+    repeats = repeating * (3.0 * point**2 + by_joints2)
     by_sample = without_frame(robot.by[:count], positions[:count])
     of_sample = position_std_mm(by_sample, covariance)
     followed = ratio * np.sqrt(of_sample**2 + between_shots[:count] + repeats[:count])

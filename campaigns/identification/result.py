@@ -79,7 +79,7 @@ class Scatter:
 
     point_mm: float
     joint: float
-    """deg of cranks, mm of carriages."""
+    """Of the first joint and those of its kind: deg of cranks, mm of carriages."""
     instrument: dict[str, float]
     """Estimated factors of the data sheet's σ, "along" and "across" the beam; empty if stated."""
     says: str

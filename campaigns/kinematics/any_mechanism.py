@@ -262,10 +262,29 @@ class Mechanism(ABC):
         """Travel of each joint that compares with one radian of a crank, (n,), rad or mm."""
         return np.array([axis.scale for axis in self.joints])
 
+    def travel(self, angle_rad: float) -> float | Array:
+        """Return the travel of joints that compares with a crank's angle: of all, or one of each.
+
+        Joints of both kinds have one each, (n,), rad or mm.
+        """
+        scales = self.joint_scales
+        return angle_rad * (scales if np.ptp(scales) else float(scales[0]))
+
     @property
     def rate(self) -> float:
         """Rate that all joints have in common; 0 if it is unknown or the rates differ."""
         return self.rates[0] if len({*self.rates}) == 1 else 0.0
+
+    @property
+    def rates_are_of_turns(self) -> bool:
+        """Whether rates of ripples are periods a turn, else mm a period."""
+        return self.parameters.rate.unit != "mm"
+
+    @cached_property
+    def rippling(self) -> Index:
+        """Arms whose drives the table lets ripple, (k,)."""
+        rows = (self.parameters.rows[place] for place in self._columns.get("ripple_sin", ()))
+        return np.array([row.arm for row in rows if row.arm is not None], dtype=np.intp)
 
     def has_ripple(self, arm: int | None) -> bool:
         """Return whether a joint's ripple has a rate; for None, whether any joint's has."""
@@ -275,7 +294,7 @@ class Mechanism(ABC):
     def phase_rate(self) -> Array:
         """Change N of each ripple's phase with its reading, (n,): rad over rad, or over mm."""
         rates = np.array(self.rates)
-        if self.parameters.rate.unit == "mm":
+        if not self.rates_are_of_turns:
             rates[rates != 0.0] = 2.0 * np.pi / rates[rates != 0.0]
         # files give cranks the periods in a turn, which is N itself
         return rates

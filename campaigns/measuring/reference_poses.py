@@ -51,8 +51,8 @@ class ReferenceNoise:
     """Uncertainty of shots for which the tracker stated none."""
     point_mm: float
     """Scatter of the robot's point, 1 σ."""
-    joint: float = 0.0
-    """Scatter of its joints, 1 σ, rad or mm of carriages."""
+    joint: float | Array = 0.0
+    """Scatter of its joints, 1 σ, rad or mm: of all alike, or of each, (n,)."""
     freedom: float = inf
     """Degrees of freedom by which the scatter is estimated."""
     limit_mm: float = inf
@@ -64,7 +64,8 @@ class ReferenceNoise:
         `point_by_joints` are the derivatives ∂point/∂joints, (N, 3, n).
         """
         stated = outcomes_covariance_mm2(outcomes, self.instrument)
-        of_joints = self.joint**2 * point_by_joints @ point_by_joints.swapaxes(1, 2)
+        by_scatter = point_by_joints * self.joint
+        of_joints = by_scatter @ by_scatter.swapaxes(1, 2)
         return np.asarray(stated + self.point_mm**2 * np.eye(3) + of_joints)
 
 

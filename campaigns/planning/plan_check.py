@@ -140,9 +140,8 @@ def _pose_faults(
     """Name poses that cannot be taken, and joints that are not those of their pose."""
     # Limits are widened by rounding, because a pose exactly on a limit is allowed; what an error
     # prints are the limits themselves.
-    joint_scale = kinematics.mechanism.joints[0].scale
     tolerant = limits.narrowed_by(
-        joint=-LIMIT_TOLERANCE_RAD * joint_scale,
+        joint=kinematics.mechanism.travel(-LIMIT_TOLERANCE_RAD),
         task=-LIMIT_TOLERANCE_RAD,
         swing_rad=-LIMIT_TOLERANCE_RAD,
     )

@@ -101,9 +101,9 @@ def region_of(
     robot: RobotFile, view: View, centre: Pose, space: RestrictedSpace = UNRESTRICTED
 ) -> FeasibleRegion:
     """Return the region where poses may be planned: all limits of robot and space drawn in."""
-    # The joint reserve is an angle of a crank; rails of prismatic joints get what compares, in mm.
+    # The joint reserve is an angle of a crank; prismatic joints get what compares, in mm.
     limits = robot.limits.narrowed_by(
-        joint=JOINT_RESERVE_RAD * robot.mechanism.joints[0].scale,
+        joint=robot.mechanism.travel(JOINT_RESERVE_RAD),
         task=POSE_RESERVE_RAD,
         swing_rad=POSE_RESERVE_RAD,
     )
@@ -175,7 +175,7 @@ def make_plan(
     _check_centre(region)
     _check_tracker(region)
     further_rad = UNSEEN_JOINT_RESERVE_RAD - JOINT_RESERVE_RAD  # the region has its reserve already
-    limits = region.limits.narrowed_by(joint=further_rad * robot.mechanism.joints[0].scale)
+    limits = region.limits.narrowed_by(joint=robot.mechanism.travel(further_rad))
     inner = replace(region, limits=limits)
     try:
         fitted = boundary_poses(region, request.identification_shots, rng)

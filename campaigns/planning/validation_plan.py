@@ -348,7 +348,8 @@ def largest_cube(region: FeasibleRegion) -> tuple[Array, float]:
 def _largest_block(mask: Mask) -> tuple[Index, int]:
     """Return the first corner and size of the largest cube of a mask that is all true.
 
-    The mask is (I, J, K), or (I, J) for a square. Of several largest cubes it is the one nearest to their mean; size 0: none.
+    The mask is (I, J, K), or (I, J) for a square. Of several largest cubes it is the one nearest to
+    their mean; size 0: none.
     """
     # Sums over cubes of any size come from cumulative sums along the three axes (a summed-area
     # table): a difference along each axis in turn leaves the count of true points in each cube.

@@ -15,11 +15,13 @@ from campaigns.evidence import Evaluation
 from campaigns.fit.events import Event
 from campaigns.identification.findings import Finding
 from campaigns.identification.result import Excluded, SessionFrame
+from campaigns.kinematics.catalog import find_mechanism
 from campaigns.shots.shot_sets import ShotSet
 
 WRONG = Event("wrong shot", 7, 7, size=1.5, std=0.02)
 UNASSEMBLED = Event("no assembly", 12, 12)
 STEP = Event("change", 40, 96, ("encoder 2", "mount 2"), -8.7e-4, 1e-5, is_lasting=True)
+CARRIAGES = find_mechanism("linear-delta")
 BUMP = Event("change", 20, 27, ("frame",), 0.3, 0.01)
 
 
@@ -62,7 +64,7 @@ def test_events_stand_in_a_table_with_size_and_remedy(evaluation: Evaluation) ->
             "mend it, and identify from the shots after it alone, `--only-shots 40-`",
         ],
     ]
-    assert size_of(STEP, revolute=False).endswith(" mm"), "of a carriage"
+    assert size_of(STEP, CARRIAGES.joints).endswith(" mm")
 
 
 def test_events_are_marked_at_their_shots_in_the_order_of_time(evaluation: Evaluation) -> None:
@@ -142,7 +144,7 @@ def test_periods_are_drawn_from_100_to_1_over_turns_or_mm(evaluation: Evaluation
     assert list(axes.lines[0].get_xdata()) == list(rates)
     assert [line.get_ydata()[0] for line in axes.lines[1:]] == [0.0, pytest.approx(np.log(100.0))]
     assert [text.get_text() for text in axes.texts] == ["30"]
-    carriages = replace(course, is_revolute=False).panels()[1].axes[0]
+    carriages = replace(course, mechanism=CARRIAGES).panels()[1].axes[0]
     assert carriages.get_xlabel() == "period, mm"
     assert list(carriages.lines[0].get_xdata()) == pytest.approx(2.0 * np.pi / np.array(rates))
 

@@ -329,9 +329,9 @@ def test_a_change_of_the_visible_size_would_have_been_found_and_one_of_half_of_i
     at = replace(fit.at, x=fit.prior.mean, residual=0.0 * fit.at.residual)
     fit = replace(fit, at=at)
     visible = events.visible_changes(fit)
-    assert {*visible} == {"encoder", "arm", "forearm"}
-    for word, size in visible.items():
-        usual = ENCODER_RAD if word == "encoder" else STEP_MM
+    assert {*visible} == {("encoder", True), ("arm", False), ("forearm", False)}
+    for (word, is_angle), size in visible.items():
+        usual = ENCODER_RAD if is_angle else STEP_MM
         mean_factors = []
         for part, step in events.candidate_parts(fit.model).items():
             if part.split()[0] != word:
