@@ -341,12 +341,13 @@ class Evaluation:
         not lose more than a limit anywhere in the workspace.
         """
         limits = self.evidence.campaign.config.acceptance
+        axes = self.evidence.campaign.robot.mechanism.line_axes
         if stage == "before":
-            return validation_verdict(self.before, limits)
+            return validation_verdict(self.before, limits, axes=axes)
         held = self.evidence.held("after")
         form = held.form if held else None
         worse = worse_than_before(self.gains)
-        return validation_verdict(self.after, limits, worse, lost_beyond(form, limits))
+        return validation_verdict(self.after, limits, worse, lost_beyond(form, limits), axes)
 
     @cached_property
     def verdict(self) -> CampaignVerdict:

@@ -32,6 +32,7 @@ from campaigns.evaluation.model_errors import PositionErrors
 from campaigns.evaluation.time_series import TimeSeries
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.identification.result import ParameterCovariance
+from campaigns.kinematics.axes import Axis
 
 Results = tuple[ValidationResult | None, ValidationResult | None]
 """Validation before and after calibration."""
@@ -45,7 +46,8 @@ ARROW_MM = 130.0
 LINE_COLOURS = {"x": AFTER, "y": BEFORE, "z": INK}
 DASHES = {"x": "-", "y": "--", "z": ":"}
 MARKERS = {"x": "o", "y": "s", "z": "^"}
-COORDINATES = ("x, mm", "y, mm", "z, mm", "θ, °")
+GREEK = {"theta": "θ"}
+"""Axes that have another name on the page than in files."""
 NO_PLACES = np.empty((0, 3))
 TIME_UNITS = (("hours", 3600.0), ("minutes", 60.0), ("seconds", 1.0))
 
@@ -143,13 +145,19 @@ def magnification(errors_mm: Array) -> float:
     return float(max(f * power for f in (1, 2, 5) if f * power * longest_mm <= ARROW_MM))
 
 
-def errors_against_position(poses: Array, errors_mm: Array, fitted: Mask) -> list[Figure]:
-    """Draw the length of the error of position against each coordinate of the pose."""
+def errors_against_position(
+    poses: Array, errors_mm: Array, fitted: Mask, task: Sequence[Axis]
+) -> list[Figure]:
+    """Draw the length of the error of position against each coordinate of poses (N, t)."""
     size_mm = np.linalg.norm(errors_mm, axis=1)
-    columns = [*poses[:, :3].T, *np.degrees(poses[:, 3:]).T]
     panels = []
-    for name, column in zip(COORDINATES, columns, strict=False):
-        axes = new_panel(f"against {name.partition(',')[0]}", name, "error of position, mm")
+    for axis, values in zip(task, poses.T, strict=True):
+        if axis.is_fixed:
+            continue
+        column = np.degrees(values) if axis.is_revolute else values
+        name = GREEK.get(axis.name, axis.name)
+        unit = "°" if axis.is_revolute else "mm"
+        axes = new_panel(f"against {name}", f"{name}, {unit}", "error of position, mm")
         axes.plot(column[fitted], size_mm[fitted], "o", color=AFTER, label="fitted")
         axes.plot(
             column[~fitted], size_mm[~fitted], "D", color=AFTER, mfc="white", label="hold-out"
@@ -189,16 +197,19 @@ def straightness(results: Results) -> list[Figure]:
 
 
 def rotation(results: Results) -> list[Figure]:
-    """Draw the motion of the point from its mean while θ turns."""
+    """Draw the motion of the point from its mean while the platform turns, an axis at a time."""
     panels = []
     for stage, result in zip(STAGES, results, strict=True):
         turn = result.rotation if result else None
-        axes = _stage_panel(stage, f"{turn.moved.value_mm:.3f} mm" if turn else "", "θ, °")
+        axes = _stage_panel(stage, f"{turn.moved.value_mm:.3f} mm" if turn else "", "turn, °")
         axes.set_ylabel("motion of the point, mm")
         if turn:
             turn_deg, colour = np.degrees(turn.turn_rad), COLOURS[stage]
-            for axis, away_mm in zip(AXES, turn.away_mm.T, strict=True):
-                _draw_course(axes, turn_deg, away_mm, axis, color=colour, label=f"in {axis}")
+            for about in np.unique(turn.about).tolist():
+                rows = turn.about == about
+                for axis, away_mm in zip(AXES, turn.away_mm[rows].T, strict=True):
+                    label = None if about else f"in {axis}"
+                    _draw_course(axes, turn_deg[rows], away_mm, axis, color=colour, label=label)
         panels.append(axes)
         _finish(axes, len(AXES))
     return figures_of(panels)

@@ -87,7 +87,12 @@ def workspace_section(evaluation: Evaluation) -> Section:
         section.figure(
             "against-position",
             "Errors of position after, against place and angle",
-            figures.errors_against_position(positions.poses, positions.after_mm, positions.fitted),
+            figures.errors_against_position(
+                positions.poses,
+                positions.after_mm,
+                positions.fitted,
+                evaluation.evidence.campaign.robot.mechanism.task,
+            ),
             "A line that rises or bends shows something that the model lacks, such as a load, a "
             "bent part or heat.",
         )
@@ -113,7 +118,7 @@ def motion_tests_section(evaluation: Evaluation) -> Section:
             "rotation",
             "Rotation",
             figures.rotation(results),
-            "Where the point goes while only θ should change.",
+            "Where the point goes while only the platform should turn.",
         )
     if any(stage.repeatability for stage in measured):
         section.figure(

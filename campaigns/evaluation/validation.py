@@ -53,6 +53,8 @@ SAME_POSE_SHARE = 0.1
 CUBE_FIGURES = ("pose accuracy AP, worst", "pose repeatability RP, worst")
 RP_DEVIATIONS = 3.0
 """Standard deviations in RP."""
+SIX_AXES = 6
+"""Coordinates of a pose with three turns, of which each is tested by itself."""
 NO_AXIS = -1
 SAME_PLACE_MM = 1e-6
 SAME_PLACE_SHARE = 0.01
@@ -143,6 +145,8 @@ class RotationTest:
 
     turn_rad: Array
     """Commanded rotation, (N,)."""
+    about: Index
+    """Number of the turn that it is of, (N,): 0 of platforms with one."""
     away_mm: Array
     """Points from their mean, (N, 3)."""
     moved: MeasuredLength
@@ -474,9 +478,15 @@ def rotation_test(commanded: Array, points_mm: Array, noise: PointNoise) -> Rota
     """Return the motion of the point while only the platform turns; None for one shot."""
     if len(points_mm) < 2:
         return None
+    if commanded.shape[1] == SIX_AXES:
+        # a reflector beside the controlled point goes where it is turned to
+        points_mm = points_mm - away_from_mean(commanded[:, :3])
     first, second = np.triu_indices(len(points_mm), 1)
     moved = largest_length(points_mm[second] - points_mm[first], noise.between(first, second))
-    return RotationTest(np.asarray(commanded[:, -1]), away_from_mean(points_mm), moved)
+    turns = commanded[:, 3:]
+    about = np.abs(turns).argmax(axis=1)
+    turn_rad = np.take_along_axis(turns, about[:, None], axis=1)[:, 0]
+    return RotationTest(turn_rad, about, away_from_mean(points_mm), moved)
 
 
 def repeatability_test(

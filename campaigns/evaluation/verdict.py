@@ -153,15 +153,17 @@ def validation_verdict(
     limits: AcceptanceConfig,
     worse: Iterable[str] = (),
     beyond: Iterable[str] = (),
+    axes: Sequence[str] = AXES,
 ) -> ValidationVerdict:
     """Return the verdict by the limits, and by the figures that are `worse` than before loading.
 
-    Limits that lie `beyond` the abilities of the controller's parameters cannot pass.
+    Limits that lie `beyond` the abilities of the controller's parameters cannot pass. `axes` are
+    those along which the robot moves.
     """
     # A robot that became worse fails even without limits. A reduced form that loses more than a
     # limit somewhere may still have met it at the validated pairs: that leaves the verdict open.
     figures = {} if result is None else result.figures()
-    requirements = tuple(_requirements(figures, limits))
+    requirements = tuple(_requirements(figures, limits, axes))
     decisions = [
         requirement.decision for requirement in requirements if requirement.decision is not None
     ]
@@ -190,13 +192,15 @@ def lost_beyond(form: ReducedForm | None, limits: AcceptanceConfig) -> Iterator[
             )
 
 
-def limits_by_figure(limits: AcceptanceConfig) -> Mapping[str, float | None]:
-    """Return the limits by the names of `ValidationResult.figures`."""
+def limits_by_figure(
+    limits: AcceptanceConfig, axes: Sequence[str] = AXES
+) -> Mapping[str, float | None]:
+    """Return the limits by the names of `ValidationResult.figures`, of lines along these axes."""
     return {
         "distances, mean error": limits.distance_mean_mm,
         "distances, largest error": limits.distance_max_mm,
         "rotation": limits.rotation_mm,
-        **{f"straightness along {axis}": limits.straightness_mm for axis in AXES},
+        **{f"straightness along {axis}": limits.straightness_mm for axis in axes},
         "repeatability, radius of the sphere": limits.repeatability_mm,
         CUBE_FIGURES[0]: limits.pose_accuracy_mm,
         CUBE_FIGURES[1]: limits.pose_repeatability_mm,
@@ -204,10 +208,10 @@ def limits_by_figure(limits: AcceptanceConfig) -> Mapping[str, float | None]:
 
 
 def _requirements(
-    figures: Mapping[str, MeasuredLength | None], limits: AcceptanceConfig
+    figures: Mapping[str, MeasuredLength | None], limits: AcceptanceConfig, axes: Sequence[str]
 ) -> Iterator[Requirement]:
     """Yield a requirement for each figure: also for one without a limit, or not measured."""
-    for name, limit in limits_by_figure(limits).items():
+    for name, limit in limits_by_figure(limits, axes).items():
         length = figures.get(name)
         if length is not None:
             yield length.requirement(name, limit)

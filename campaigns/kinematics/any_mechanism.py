@@ -178,6 +178,11 @@ class Mechanism(ABC):
         """Whether the robot moves in the plane of its base's x and y alone."""
         return any(axis.is_fixed for axis in self.task)
 
+    @property
+    def line_axes(self) -> tuple[str, ...]:
+        """Names of the axes along which the controlled point moves."""
+        return tuple(axis.name for axis in self.task[:3] if not axis.is_fixed)
+
     # --- what may differ ------------------------------------------------------------------------
 
     @property

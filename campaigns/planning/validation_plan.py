@@ -386,9 +386,9 @@ def _rotations(centre: Array, steps: int, robot: Reachable) -> Iterator[Planned]
 
 def _lines(centre: Array, config: ValidationConfig, robot: Reachable) -> Iterator[Planned]:
     """Plan lines along x, y and z through the centre, those along which the robot moves."""
-    task = robot.kinematics.mechanism.task
+    moving = robot.kinematics.mechanism.line_axes
     for place, (axis, length_mm) in enumerate(zip(AXES, config.line_lengths_mm, strict=True)):
-        if task[place].is_fixed:
+        if axis not in moving:
             continue
         away = np.zeros((config.line_points, len(centre)))
         away[:, place] = np.linspace(-0.5, 0.5, config.line_points) * length_mm

@@ -22,7 +22,7 @@ from campaigns.evidence import program_path
 from campaigns.files.csv_file import csv_text, fixed_text, number_text
 from campaigns.files.text_file import replace_text
 from campaigns.kinematics.any_mechanism import Mechanism
-from campaigns.kinematics.mechanism import Kinematics, NoSolution
+from campaigns.kinematics.mechanism import Kinematics
 from campaigns.measuring.work import Work
 from campaigns.options import ProgramOptions, ProgramStage, ValidationOptions
 from campaigns.planning.plan_file import PlannedShot, plan_digest
@@ -130,7 +130,7 @@ def _stops(work: Work, steps: Sequence[Step], held: Kinematics) -> Iterator[Prog
     """Yield all stops, with the safe ways between them that a run would take.
 
     `held` is the model that the controller computes with, of the point that it controls. Raise
-    `PlanInvalid` if there is no safe way to a shot, or none with poses of that model.
+    `PlanInvalid` if there is no safe way to a shot.
     """
     here: tuple[float, ...] | None = None
     for step in steps:
@@ -141,18 +141,12 @@ def _stops(work: Work, steps: Sequence[Step], held: Kinematics) -> Iterator[Prog
                     f"no safe way to shot {step.planned.shot}", remedy="take it out of plan.csv"
                 )
             *detours, last = legs
-            try:
-                yield from (ProgramStop(np.array(q), _pose(held, q)) for q in detours)
-                if target is step.planned.joints:
-                    yield ProgramStop(np.array(last), _commanded(held, step), step.planned)
-                else:
-                    yield ProgramStop(np.array(last), _pose(held, last))
-            except NoSolution as error:
-                raise PlanInvalid(
-                    f"the controller's own kinematics cannot be assembled on the way to shot "
-                    f"{step.planned.shot}",
-                    remedy="take it out of plan.csv, or narrow the limits in robot.yaml",
-                ) from error
+            models = held, work.robot.kinematics.controlled
+            yield from (ProgramStop(np.array(q), _passed(*models, q)) for q in detours)
+            if target is step.planned.joints:
+                yield ProgramStop(np.array(last), _commanded(held, step), step.planned)
+            else:
+                yield ProgramStop(np.array(last), _passed(*models, last))
             here = target
 
 
@@ -160,13 +154,18 @@ def _commanded(held: Kinematics, step: Step) -> Array:
     """Return the pose (t,) to send for a step: as planned, or the one that leads to its joints."""
     if step.command == "pose":
         return pose_row(step.corrected or step.planned.pose)
-    return _pose(held, step.planned.joints, pose_row(step.planned.pose))
+    near = pose_row(step.planned.pose)[None]
+    return np.asarray(held.forward(np.array([step.planned.joints]), near).values_or_raise()[0])
 
 
-def _pose(held: Kinematics, joints: Sequence[float], near: Array | None = None) -> Array:
-    """Return the pose (t,) of joints, near a given pose (t,) if there is one."""
-    start = None if near is None else near[None]
-    return np.asarray(held.forward(np.array([joints]), start).values_or_raise()[0])
+# Near a singular pose the controller's own kinematics may have no pose at the joints of a passed
+# stop: then it goes to the robot's own pose there, off its joints by less than any correction.
+def _passed(held: Kinematics, robot: Kinematics, joints: Sequence[float]) -> Array:
+    """Return the pose (t,) of passed joints by the controller's model, else by the robot's."""
+    pose = held.forward(np.array([joints]))
+    if not pose.is_solved[0]:
+        pose = robot.forward(np.array([joints]))
+    return np.asarray(pose.values_or_raise()[0])
 
 
 def _joints_text(mechanism: Mechanism, stops: Sequence[ProgramStop]) -> str:

@@ -46,9 +46,8 @@ POSE = "a pose has a turn where the platform turns, and says None elsewhere"
 ALLOWED = (
     ("app/new_campaign.py", 'DEFAULT_ROBOT = "par4-prototype"', "the default of an option"),
     ("app/cli/import_shots.py", "name,q0_deg…q3_deg,pair,set", EXAMPLE),
-    ("app/report/figures.py", '{turn.moved.value_mm:.3f} mm" if turn else "", "θ, °"', LETTER),
-    ("app/report/figures.py", 'COORDINATES = ("x, mm", "y, mm", "z, mm", "θ, °")', LETTER),
-    ("app/report/results.py", "while only θ should change", LETTER),
+    ("app/report/figures.py", 'GREEK = {"theta": "θ"}', LETTER),
+    ("app/cli/import_shots.py", "and may go on with set, theta_deg", EXAMPLE),
     ("campaigns/identification/result.py", '["delta"] = parameter.delta', "a parameter's change"),
     ("drivers/values.py", "theta_rad: float | None = None", POSE),
     ("drivers/values.py", "if self.theta_rad is None", POSE),
