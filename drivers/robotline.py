@@ -149,8 +149,7 @@ class LineRobot(RobotController):
         if not self._layout.has_movep:
             names = " ".join(axis.name for axis in self._layout.coordinates if not axis.is_fixed)
             raise DeviceRefused(
-                f"robotline {wire.VERSION} moves to poses of x y z and theta, but those of this "
-                f"robot are {names}",
+                f"MOVEP of robotline {wire.VERSION} has no poses of {names}, which this robot has",
                 remedy="run the tests from a program: `pkmcal plan DIR --program csv`, then "
                 "`pkmcal import DIR FILE --stage before`",
                 code="ARGUMENT",

@@ -18,7 +18,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import permutations, product
+from itertools import combinations, permutations, product
 
 import numpy as np
 
@@ -61,6 +61,8 @@ AS_GOOD_WITHIN = 1.2
 """Readings this near to the best are named too, unless the tracker's place excludes them."""
 IMPOSSIBLE_MISFIT = 0.3
 """Misfit that no robot of this kind has, whatever the cause."""
+MOST_IN_ANY_ORDER = 4
+"""Joints up to which every order is tried."""
 NEARER_BY = 0.3
 """Ratio of distances from the stated place below which the nearer of two places is right."""
 ROUGH_PLACE_MM = 1000.0
@@ -310,15 +312,40 @@ def _joint_readings(nominal: Kinematics, joints: Array) -> dict[Causes, Array]:
     # Joints given in radians were read as degrees and are too small by 180/π: np.degrees undoes it.
     axes = nominal.mechanism.joints
     meant: dict[Causes, Array] = {(): joints}
-    if all(axis.is_revolute for axis in axes):
-        meant[("the joints look like radians", "give the joints in degrees"),] = np.degrees(joints)
+    turns = np.array([axis.is_revolute for axis in axes])
+    if turns.any():
+        cause = ("the joints look like radians", "give the joints in degrees")
+        meant[cause,] = np.where(turns, np.degrees(joints), joints)
     as_written, signs = tuple(range(len(axes))), [*product((1.0, -1.0), repeat=len(axes))]
     uniform_signs = (signs[0], signs[-1])
-    orders = [(order, sign) for order in permutations(as_written) for sign in uniform_signs]
+    kinds = [axis.kind for axis in axes]
+    # a column's name has its unit: nobody takes one kind of joint for the other
+    orders = [
+        (order, sign)
+        for order in _orders(len(axes))
+        for sign in uniform_signs
+        if [kinds[place] for place in order] == kinds
+    ]
     for order, sign in (*((as_written, sign) for sign in signs), *orders):
         if words := " and ".join(_joint_words(order, sign)):
             meant[(words, COLUMNS),] = joints[:, order] * np.array(sign)
     return meant
+
+
+# Six joints have 720 orders, which take half a minute to try. People swap two columns, or number
+# the joints from another one on or the other way around: 26 orders.
+def _orders(count: int) -> Iterator[tuple[int, ...]]:
+    """Yield the orders in which joints may stand: all of them of up to four joints."""
+    as_written = tuple(range(count))
+    if count <= MOST_IN_ANY_ORDER:
+        yield from permutations(as_written)
+        return
+    for first, second in combinations(as_written, 2):
+        swapped = [*as_written]
+        swapped[first], swapped[second] = second, first
+        yield tuple(swapped)
+    for way in (as_written, as_written[::-1]):
+        yield from (way[begin:] + way[:begin] for begin in as_written)
 
 
 def _check_arms(
