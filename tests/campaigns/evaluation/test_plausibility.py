@@ -1,10 +1,12 @@
 """What cannot be a robot's shots is named by its cause, and what robots are like is not."""
 
+import time
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from any_axes import robot_file
 from refusals import refusal
 from scipy.spatial.transform import Rotation
 
@@ -12,7 +14,9 @@ from campaigns.errors import ShotsInvalid
 from campaigns.evaluation import plausibility
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.planning.plans import PlanRequest, View, make_plan
-from campaigns.robots.robot import find_robot, pose_of
+from campaigns.robots.robot import find_robot, pose_of, read_robot
+from campaigns.shots.shots import shots_of_rows
+from campaigns.shots.shots_csv import parse_shots
 from campaigns.studies.study import planned_shots
 
 ROBOTS = ("par4-prototype", "delta")
@@ -206,3 +210,48 @@ def test_arms_of_a_delta_that_are_named_from_another_are_told_by_the_trackers_pl
 def test_a_place_that_is_wrong_otherwise_accuses_no_columns(name, place_mm):
     robot = find_robot(name).robot
     plausibility.check_shots(robot.kinematics, on_station(name), "shots.csv", place_mm)
+
+
+SIX = np.arange(6)
+
+
+@pytest.fixture(scope="module")
+def hexapod(tmp_path_factory):
+    """A hexapod, and shots of it."""
+    folder = tmp_path_factory.mktemp("hexapod")
+    robot = read_robot(robot_file(folder, "hexapod")).robot.kinematics
+    rng = np.random.default_rng(1)
+    poses = robot.mechanism.with_home(np.array([0.0, 0.0, -550.0, 0.0, 0.0, 0.0])).home_poses(
+        np.zeros((24, 6))
+    )
+    poses = poses + rng.uniform(-1.0, 1.0, poses.shape) * [80.0, 80.0, 50.0, 0.1, 0.1, 0.1]
+    joints = robot.inverse(poses).values_or_raise()
+    lines = [",".join(["pair", *(f"q{leg}_mm" for leg in SIX), "x_mm", "y_mm", "z_mm"])]
+    for shot, (row, pose) in enumerate(zip(joints.tolist(), poses.tolist(), strict=True)):
+        lines.append(",".join(map(str, [shot // 2, *row, *pose[:3]])))
+    rows = parse_shots("\n".join(lines), "f.csv", robot.mechanism)
+    return robot, shots_of_rows(rows, robot)
+
+
+@pytest.mark.parametrize(
+    ("order", "signs", "said"),
+    [
+        ([1, 0, 2, 3, 4, 5], 1.0, "in the order q1, q0, q2, q3, q4, q5"),
+        ([0, 1, 5, 3, 4, 2], 1.0, "in the order q0, q1, q5, q3, q4, q2"),
+        ([5, 0, 1, 2, 3, 4], 1.0, "in the order q1, q2, q3, q4, q5, q0"),
+        (SIX, [1.0, 1.0, -1.0, 1.0, -1.0, 1.0], "the sign of q2, q4 seems to be turned"),
+    ],
+)
+def test_columns_of_six_joints_are_told_soon(hexapod, order, signs, said):
+    robot, shots = hexapod
+    written = replace(shots, joints=shots.joints[:, order] * np.array(signs))
+    began_s = time.process_time()
+    refused = refusal(ShotsInvalid, plausibility.check_shots, robot, written, "shots.csv")
+    assert said in refused
+    # all 720 orders take half a minute
+    assert time.process_time() - began_s < 10.0
+
+
+def test_every_order_of_four_joints_is_tried_and_those_of_unlike_joints_are_not():
+    assert len({*plausibility._orders(4)}) == 24
+    assert len({*plausibility._orders(6)}) == 15 + 12

@@ -35,3 +35,19 @@ def test_cube_in_a_ball_and_in_a_box_is_the_one_of_geometry() -> None:
 
 def test_a_body_that_holds_no_cube_gives_none() -> None:
     assert cube_in(lambda at: np.zeros(len(at), dtype=bool))[1] == 0.0
+
+
+def test_a_robot_in_a_plane_has_the_largest_square() -> None:
+    centre, extent = np.array([0.0, 0.0, 0.0]), np.array([400.0, 400.0, 0.0])
+    middle = np.array([20.0, -30.0, 0.0])
+    region = SimpleNamespace(
+        centre=centre,
+        extent=extent,
+        allows=lambda poses: (
+            (poses[:, 2] == 0.0) & (np.linalg.norm(poses - middle, axis=1) < 300.0)
+        ),
+    )
+    found, edge_mm = largest_cube(region)
+    assert edge_mm == pytest.approx(600.0 / 2.0**0.5, rel=0.06)
+    np.testing.assert_allclose(found, middle, atol=25.0)
+    assert found[2] == 0.0

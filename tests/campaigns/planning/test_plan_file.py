@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 
 import pytest
+from any_axes import robot_file
 from hypothesis import given
 from hypothesis import strategies as st
 from refusals import refusal
@@ -12,6 +13,8 @@ from refusals import refusal
 from campaigns.errors import PlanInvalid, WriteFailed
 from campaigns.kinematics.catalog import PAR4
 from campaigns.planning import plan_file
+from campaigns.robots.robot import read_robot
+from campaigns.shots.shot_sets import ShotSet
 from drivers.values import Pose
 
 HEADER = "shot,set,pair,x_mm,y_mm,z_mm,theta_deg,q0_deg,q1_deg,q2_deg,q3_deg\n"
@@ -136,3 +139,19 @@ def test_any_plan_is_the_same_plan_after_writing_and_reading(values):
         assert (back.pose.x_mm, back.pose.y_mm, back.pose.z_mm) == position
         assert back.joints == pytest.approx(shot.joints, rel=0.0, abs=2e-14)
         assert back.pose.theta_rad == pytest.approx(shot.pose.theta_rad, rel=0.0, abs=2e-14)
+
+
+def test_plan_in_a_plane_has_no_height_and_one_of_six_axes_its_rotation_vector(tmp_path):
+    turned = Pose(1.0, 2.0, -550.0, rotation_rad=(0.1, -0.2, 0.3))
+    for name, pose, columns in (
+        ("five-bar", Pose(10.0, 300.0, 0.0), "x_mm,y_mm,q0_deg,q1_deg"),
+        ("hexapod", turned, "x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg,q0_mm,q1_mm,q2_mm"),
+    ):
+        mechanism = read_robot(robot_file(tmp_path, name)).robot.mechanism
+        joints = tuple(0.1 * (1.0 + arm) for arm in range(len(mechanism.joints)))
+        shot = plan_file.PlannedShot(0, ShotSet.DRIFT, None, pose, joints)
+        text = plan_file.plan_text([shot], mechanism)
+        assert text.startswith(f"shot,set,pair,{columns}")
+        (read,) = plan_file.parse_plan(text, "plan.csv", mechanism)
+        assert read.joints == pytest.approx(joints)
+        assert read.pose.coordinates == pytest.approx(pose.coordinates)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from any_axes import robot_file
 from fake_cell import CENTRE, NOMINAL
 from family_cases import MEMBERS
 from par4_space import par4
@@ -16,7 +17,7 @@ from campaigns.kinematics.mechanism import KinematicSolution
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.steps import Step
 from campaigns.planning.validation_plan import APPROACHES_MM, Planned, Reachable, validation_steps
-from campaigns.robots.robot import pose_row
+from campaigns.robots.robot import pose_row, read_robot
 from campaigns.settings.sections import ValidationConfig
 from campaigns.shots.shot_sets import ShotSet
 
@@ -195,3 +196,44 @@ def test_joints_come_to_every_corrected_pose_from_a_known_side() -> None:
     steps(robot=Reachable(NOMINAL, LIMITS, correct=correct))
     (taken,) = sides
     assert (np.abs(taken) == 1.0).all()
+
+
+def in_a_plane(robot: Reachable, *only: ShotSet) -> Planned:
+    """Tests of a robot in a plane about a point well inside its workspace."""
+    config = ValidationConfig(
+        centre_mm=(0.0, 300.0, 0.0), line_lengths_mm=(60.0, 60.0, 60.0), cube_edge_mm=60.0
+    )
+    return validation_steps(config, (), robot, frozenset(only), np.random.default_rng(1))
+
+
+def test_robot_in_a_plane_is_tested_within_it(tmp_path) -> None:
+    robot = read_robot(robot_file(tmp_path, "five-bar")).robot
+    five_bar = Reachable(robot.kinematics, robot.limits)
+    found = in_a_plane(five_bar, ShotSet.STRAIGHTNESS, ShotSet.REPEATABILITY, ShotSet.ISO_CUBE)
+    assert not any(pose_row(step.planned.pose)[2] for step in found[0])
+    lines = poses(found, ShotSet.STRAIGHTNESS)
+    assert len(lines) == 2 * CONFIG.line_points
+    assert np.ptp(lines[:17, 0]) == pytest.approx(60.0)
+    assert np.ptp(lines[17:, 1]) == pytest.approx(60.0)
+    corners = np.unique(poses(found, ShotSet.ISO_CUBE)[:, :2] - [0.0, 300.0], axis=0)
+    assert sorted(map(tuple, np.round(corners, 9).tolist())) == [
+        *((-24.0, -24.0), (-24.0, 24.0), (0.0, 0.0), (24.0, -24.0), (24.0, 24.0))
+    ]
+    # from evenly around a circle, as far away as the robot has room for
+    passed = [step.approach[0] for step in of(found, ShotSet.REPEATABILITY)]
+    away = robot.kinematics.forward(np.array(passed)).values[:, :2] - [0.0, 300.0]
+    assert np.ptp(np.linalg.norm(away, axis=1)) < 1e-6
+    assert np.diff(np.sort(np.arctan2(away[:, 1], away[:, 0]))).max() < 0.5
+
+
+def test_each_of_three_turns_is_tested_by_itself(tmp_path) -> None:
+    robot = read_robot(robot_file(tmp_path, "hexapod")).robot
+    config = ValidationConfig(centre_mm=(0.0, 0.0, -550.0), rotation_steps=5)
+    hexapod, turns = Reachable(robot.kinematics, robot.limits), frozenset({ShotSet.ROTATION})
+    found = validation_steps(config, (), hexapod, turns, np.random.default_rng(1))
+    turned = np.degrees(poses(found, ShotSet.ROTATION)[:, 3:])
+    wanted = [(15.0, 0), (15.0, 1), (20.0, 2)]
+    for rows, (limit, axis) in zip(np.split(turned, 3), wanted, strict=True):
+        expected = np.zeros((5, 3))
+        expected[:, axis] = np.linspace(-limit, limit, 5)
+        np.testing.assert_allclose(rows, expected, atol=1e-9)

@@ -58,9 +58,7 @@ def test_robot_with_other_poses_than_movep_has_moves_by_joints_alone(layout):
     assert controller.questions[-1] == f">8 MOVEJ {'0.0 ' * count}50.0"
     assert len(controller.robot.state().joints) == count
     asked = len(controller.questions)
-    with pytest.raises(
-        errors.DeviceRefused, match="MOVEP of robotline 1 has no poses of"
-    ) as no:
+    with pytest.raises(errors.DeviceRefused, match="MOVEP of robotline 1 has no poses of") as no:
         controller.robot.move_pose(Pose(1.0, 2.0, 0.0, rotation_rad=turn), 1.0)
     assert "--program csv" in no.value.remedy
     assert len(controller.questions) == asked
