@@ -96,7 +96,7 @@ def ask_reflector(terminal: Terminal) -> Vector3 | None:
 def ask_turns(
     terminal: Terminal, turns: TurnForm | None, file: Path, task: Sequence[Axis]
 ) -> TurnForm | None:
-    """Return how a file writes three turns, asked for where its angles do not tell.
+    """Return how a file writes three turns, asked for where its columns leave it open.
 
     None: by its columns; their reader refuses angles in unknown order. Raise `OptionsInvalid` for a
     robot without three turns.

@@ -141,7 +141,7 @@ def correct_poses(
 ) -> CorrectedFile:
     """Correct the wanted poses of a CSV file's text, and return the text of the corrected file.
 
-    `form` is that of three turns; None: as their columns tell. Poses are reached in the order of
+    `form` is that of three turns; None: by their columns. Poses are reached in the order of
     the rows. Raise `TargetsInvalid` naming the first line that
     is wrong, or whose pose the robot cannot take.
     """

@@ -319,7 +319,7 @@ def _joint_readings(nominal: Kinematics, joints: Array) -> dict[Causes, Array]:
     as_written, signs = tuple(range(len(axes))), [*product((1.0, -1.0), repeat=len(axes))]
     uniform_signs = (signs[0], signs[-1])
     kinds = [axis.kind for axis in axes]
-    # a column's name has its unit: nobody takes one kind of joint for the other
+    # a column's name has its unit, so that no one takes one kind of joint for the other
     orders = [
         (order, sign)
         for order in _orders(len(axes))

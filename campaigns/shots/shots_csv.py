@@ -130,8 +130,8 @@ def read_shots(
 ) -> tuple[ShotRow, ...]:
     """Read measured shots of a robot, in the file's order; raise `ShotsInvalid`.
 
-    `default` is the set of rows that name none, `turns` how three turns are written; None: as their
-    columns tell.
+    `default` is the set of rows that name none, `turns` how three turns are written; None: by their
+    columns.
     """
     text = read_text(path, ShotsInvalid, if_missing="check the file's name", most_bytes=CSV_BYTES)
     return parse_shots(text, str(path), mechanism, default, turns)

@@ -64,7 +64,7 @@ def has_unknown_turns(path: Path) -> bool:
 def turn_values(row: CsvRow, task: Sequence[Axis], form: TurnForm | None) -> tuple[float, ...]:
     """Read the turns of a row, rad: () where it has none, a rotation vector of three.
 
-    `form` is that of the columns; None: as their names tell. Raise the error of the file's kind.
+    `form` is that of the columns; None: by their names. Raise the error of the file's kind.
     """
     turns = turns_of(task)
     if turns != TURNS:

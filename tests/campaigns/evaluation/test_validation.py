@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 from fake_cell import TRACKER_FROM_BASE
+from scipy.spatial.transform import Rotation
 
 from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.evaluation.iso_figures import cube_frame
@@ -317,3 +318,26 @@ def test_limits_of_the_cube_are_judged_and_not_asked_of_others():
     assert "pose accuracy AP, worst" not in names
     judged = validation_verdict(other, limits)
     assert decision_on(judged, "pose accuracy AP, worst") == "not decided"
+
+
+def test_reflector_beside_the_point_of_six_axes_may_go_where_it_is_turned_to():
+    turns = np.zeros((6, 3))
+    turns[:3, 0], turns[3:, 2] = (-0.2, 0.0, 0.2), (-0.3, 0.0, 0.3)
+    places = MIDDLE + Rotation.from_rotvec(turns).apply([40.0, 0.0, -10.0])
+    commanded, off = np.column_stack([places, turns]), np.zeros((6, 3))
+    off[0, 1] = 0.05
+    noise = PointNoise(1e-6 * np.tile(np.eye(3), (6, 1, 1)), np.zeros((6, 3, 3)))
+    test = rotation_test(commanded, places + off, noise)
+    assert test.moved.value_mm == pytest.approx(0.05)
+    assert test.about.tolist() == [0, 0, 0, 2, 0, 2]
+    assert test.turn_rad.tolist() == [-0.2, 0.0, 0.2, -0.3, 0.0, 0.3]
+
+
+def test_limit_of_straightness_asks_for_lines_along_which_the_robot_moves():
+    rows = [*line(0), *line(1)]
+    limits = AcceptanceConfig(straightness_mm=1.0)
+    found = validated(rows)
+    everywhere = validation_verdict(found, limits)
+    assert "straightness along z" in " ".join(everywhere.reasons)
+    in_plane = validation_verdict(found, limits, axes=("x", "y"))
+    assert (in_plane.decision, in_plane.reasons) == ("pass", ())
