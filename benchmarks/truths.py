@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.arrays import Array, Index
+from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.robots.robot import RobotFile
 from sim.geometry import KINDS, Kind, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism
@@ -319,6 +320,7 @@ def draw_robot(
     nominal: RobotFile, situation: Situation, planned: PlannedShots, streams: Streams
 ) -> TrueRobot:
     """Draw a robot with errors of geometry and those of a situation."""
+    assert isinstance(nominal.mechanism, ClosedChain), "truths are robots of parallelograms"
     kind, plate = KINDS[nominal.mechanism.name], nominal.mechanism.plate
     assert plate is not None, "every shipped robot's plate has places"
     arms, size = kind.arms, situation.size

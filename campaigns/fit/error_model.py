@@ -35,7 +35,7 @@ from campaigns.fit.rigid_transforms import (
     rotation_vector_rad,
     rotations_by,
 )
-from campaigns.kinematics.closed_chain import Assembly
+from campaigns.kinematics.any_mechanism import Assembly
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import INNER, Role, Unit
 

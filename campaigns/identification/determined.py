@@ -65,10 +65,10 @@ def assumed_share(fit: Fit, squares: Mapping[str, float]) -> float:
     variances, assumed = np.diag(fit.covariance), 0.0
     for source in SOURCES.keys() & squares.keys():
         places = fit.model.sized_groups.get(source)
-        left = np.inf
+        of_priors = np.inf
         if places is not None:
-            left = variances[places].sum() / fit.sizes[source] ** 2
-        if places is None or len(places) - left < FEWEST_DETERMINED:
+            of_priors = variances[places].sum() / fit.sizes[source] ** 2
+        if places is None or len(places) - of_priors < FEWEST_DETERMINED:
             assumed += squares[source]
     return float(assumed / max(sum(squares.values()), 1e-300))
 

@@ -552,4 +552,4 @@ def pose_of(row: Iterable[float]) -> Pose:
     x_mm, y_mm, z_mm, *turns = map(float, row)
     if len(turns) == 3:
         return Pose(x_mm, y_mm, z_mm, rotation_rad=vector(turns))
-    return Pose(x_mm, y_mm, z_mm, *turns)
+    return Pose(x_mm, y_mm, z_mm, turns[0] if turns else None)

@@ -33,7 +33,8 @@ def test_no_two_parts_have_a_field_of_one_name(stored):
 def test_a_document_of_before_the_parts_is_read_and_written_equal(stored):
     result = read_identification(stored)
     no_frame = {"frame": None, "frame_covariance": []}  # a later version stores them
-    assert result.document() == {**stored, **LATER, "posterior": {**stored["posterior"], **no_frame}}
+    posterior = {**stored["posterior"], **no_frame}
+    assert result.document() == {**stored, **LATER, "posterior": posterior}
     assert read_identification(result.document()) == result
     parts = result.value, result.uncertainty, result.judgement, result.residuals, result.provenance
     empty = {f.name for part in parts for f in fields(part) if not getattr(part, f.name)}
