@@ -63,6 +63,11 @@ def forecast_lines(
         f"positions in the workspace ±{std_mm.mean():.4f} mm on average, "
         f"±{std_mm.max():.4f} mm at most (1 σ, predicted)"
     )
+    if (std_deg := forecast.rotation_std_deg) is not None:
+        yield (
+            f"rotation of the tool ±{std_deg.mean():.4f}° on average, ±{std_deg.max():.4f}° at "
+            "most (1 σ, predicted)"
+        )
     if until_mm is not None:
         yield f"--until {until_mm:g}: ±{std_mm.mean():.4f} mm by {forecast.shots} shots"
     weakest = [

@@ -28,6 +28,8 @@ class PlanAnswer:
     seed: int | None
     until_mm: float | None
     position_std_mm: Mapping[str, float]
+    rotation_std_deg: Mapping[str, float] | None
+    """None for a robot whose platform does not turn."""
     predicted_std: Mapping[str, float]
     weakest: Sequence[Mapping[str, object]]
     """Parameter with the largest σ, of lengths and of angles."""
@@ -119,7 +121,7 @@ def plan_answer(
     """Return the plan for programs."""
     table, forecast = campaign.robot.mechanism.parameters, planned.forecast
     pairs = len(pairs_of(planned.checked.shots, ShotSet.IDENTIFICATION))
-    std_mm = forecast.position_std_mm
+    std_mm, std_deg = forecast.position_std_mm, forecast.rotation_std_deg
     worst = {unit: forecast.worst(unit) for unit in ("mm", "deg")}
     space = None
     if planned.refusals is not None:
@@ -131,6 +133,9 @@ def plan_answer(
         seed=planned.seed,
         until_mm=until_mm,
         position_std_mm={"mean": float(std_mm.mean()), "max": float(std_mm.max())},
+        rotation_std_deg=None
+        if std_deg is None
+        else {"mean": float(std_deg.mean()), "max": float(std_deg.max())},
         predicted_std=forecast.std,
         weakest=[
             {"name": row[0], "std": row[1], "unit": unit, "group": table[row[0]].field.group}

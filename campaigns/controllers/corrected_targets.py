@@ -20,7 +20,7 @@ from campaigns.arrays import AXES, Array
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.errors import TargetsInvalid
 from campaigns.files.csv_file import CsvColumn, CsvForm, CsvRow, csv_text, number_text, parse_csv
-from campaigns.identification.positions import std_of_positions
+from campaigns.identification.positions import std_of_positions, std_of_rotations
 from campaigns.identification.result import ParameterCovariance, PositionStd, StoredLayer
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.feasibility import Limits
@@ -122,6 +122,17 @@ class TargetCorrection:
         beyond = max(self.positions.corrected**2 - float((about**2).mean()), 0.0)
         return np.asarray(np.hypot(std, beyond**0.5))
 
+    def rotation_std_deg(self, wanted: Array) -> Array | None:
+        """Return 1 σ of the tool's rotation at wanted poses (N, t), (N,), deg; NaN if unknown.
+
+        None for a robot without turns.
+        """
+        if len(self.identified.mechanism.task) == len(AXES):
+            return None
+        if self.uncertainty is None or self.measured is None:
+            return np.full(len(wanted), np.nan)
+        return std_of_rotations(self.identified, self.uncertainty, wanted, self.measured)
+
 
 @dataclass(frozen=True, slots=True)
 class CorrectedFile:
@@ -165,14 +176,18 @@ def correct_poses(
         f"correction_{name}_deg": np.degrees(values)
         for name, values in _turned(task, wanted, commanded).items()
     }
-    further = np.column_stack([sizes_mm, *turns.values(), std_mm]).tolist()
+    rotation_std = correction.rotation_std_deg(wanted)
+    std = {"position_std_mm": std_mm}
+    if rotation_std is not None:
+        std["rotation_std_deg"] = rotation_std
+    further = np.column_stack([sizes_mm, *turns.values(), *std.values()]).tolist()
     head = (
         NAME,
         *columns,
         *(f"commanded_{column}" for column in columns),
         "correction_mm",
         *turns,
-        "position_std_mm",
+        *std,
     )
     lines = [
         [

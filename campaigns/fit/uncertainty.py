@@ -160,6 +160,16 @@ def without_motions(by: Array, motions: Array) -> Array:
     return np.asarray((rows - basis @ (basis.T @ rows)).reshape(by.shape))
 
 
+# The base's axes are where their users define them, and so are the tool's own.
+def without_axes(by: Array, tool_axes: Array) -> Array:
+    """Return derivatives of turns (M, 3, P) without turns of the base's and of the tool's axes.
+
+    `tool_axes` (M, 3, 3) are the tool's axes in the base frame, as columns.
+    """
+    base = np.broadcast_to(np.eye(3), tool_axes.shape)
+    return without_motions(by, np.concatenate([base, tool_axes], axis=2))
+
+
 def position_std_mm(by: Array, covariance: Array) -> Array:
     """Return 1 σ of positions, √tr(B C B') with derivatives B (M, 3, P), (M,)."""
     return length_std(by, covariance)

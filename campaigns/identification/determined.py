@@ -21,7 +21,7 @@ from campaigns.evaluation.decision import COVERAGE, decide
 from campaigns.fit.error_model import Observations
 from campaigns.fit.error_sources import SOURCES
 from campaigns.fit.fit import Fit
-from campaigns.fit.uncertainty import budget, length_std, without_motions
+from campaigns.fit.uncertainty import budget, length_std, without_axes
 from campaigns.identification.findings import NOT_DETERMINED, NOT_TESTED, TOO_UNCERTAIN, Finding
 from campaigns.kinematics.mechanism import Kinematics
 
@@ -84,7 +84,7 @@ def rotation_determined(
         return
     observations = Observations.unmeasured(joints, poses)
     by = np.degrees(fit.model.turns_by_unknowns(fit.at.x, observations, poses))
-    by = without_motions(by, turn_motions(identified, poses))
+    by = without_axes(by, identified.mechanism.tool_axes(poses))
     std = ratio * length_std(by, fit.covariance[: fit.model.size, : fit.model.size])
     yield Determined(
         "rotation",
@@ -94,12 +94,6 @@ def rotation_determined(
         assumed_share(fit, budget(fit, by)),
         is_tested=False,
     )
-
-
-def turn_motions(robot: Kinematics, poses: Array) -> Array:
-    """Return turns of the base's and of the tool's axes at poses (N, t), (N, 3, 6), rad."""
-    axes = robot.mechanism.tool_axes(poses)
-    return np.concatenate([np.broadcast_to(np.eye(3), axes.shape), axes], axis=2)
 
 
 def quantity_findings(

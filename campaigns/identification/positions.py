@@ -20,8 +20,10 @@ from campaigns.fit.uncertainty import (
     FORMER,
     SIZES,
     budget,
+    length_std,
     position_std_mm,
     unseen_covariances,
+    without_axes,
     without_frame,
 )
 from campaigns.identification.determined import Determined, assumed_share, rotation_determined
@@ -139,6 +141,24 @@ def std_of_positions(
     by = robot.point_jacobian(joints, both)[..., places] * table.file_unit[places]
     std = position_std_mm(without_frame(by, robot.points(both)), covariance.array)
     return covariance.hold_out_ratio * std[: len(poses)]
+
+
+def std_of_rotations(
+    robot: Kinematics, covariance: ParameterCovariance, poses: Array, about: Array
+) -> Array:
+    """Return 1 σ of the tool's rotation at poses (N, t), (N,), deg.
+
+    Axes of base and tool are the best ones for these and for the poses `about` (M, t), where the
+    robot was measured.
+    """
+    both = np.vstack([poses, about])
+    joints = robot.inverse(both).values_or_raise()
+    mechanism, table = robot.mechanism, robot.mechanism.parameters
+    places = table.places(covariance.names)
+    unknowns = mechanism.assemble(robot.p, joints, both).unknowns
+    by = mechanism.turn_jacobian(robot.p, joints, unknowns)[..., places] * table.file_unit[places]
+    by = without_axes(np.degrees(by), mechanism.tool_axes(both))
+    return covariance.hold_out_ratio * length_std(by, covariance.array)[: len(poses)]
 
 
 def _shares(squares: Mapping[str, float], ratio: float, rms: float) -> tuple[Share, ...]:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from campaigns.arrays import Array
+from campaigns.arrays import AXES, Array
 from campaigns.design.pose_sampling import sample_workspace
 from campaigns.design.tours import positive_approach_shares
 from campaigns.errors import ConfigInvalid, PlanInvalid
@@ -27,10 +27,12 @@ from campaigns.fit.error_model import ErrorModel, Observations, Prediction
 from campaigns.fit.rigid_transforms import Transform
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.fit.uncertainty import (
+    length_std,
     marginal_information,
     null_directions_of,
     position_std_mm,
     shot_information,
+    without_axes,
     without_frame,
 )
 from campaigns.kinematics.mechanism import Kinematics
@@ -66,6 +68,8 @@ class Forecast:
     """Share of the shots to which each joint comes from a smaller value, (n,)."""
     freedom: float
     """Degrees of freedom by which the fit will know the scatter of its shots."""
+    rotation_std_deg: Array | None = None
+    """1 σ of the tool's rotation over the workspace, (N,); None for a robot without turns."""
 
     def worst(self, unit: str) -> tuple[str, float] | None:
         """Return the parameter with the largest 1 σ in a unit, and this σ; None: no such unit."""
@@ -79,10 +83,12 @@ def forecast(
     tracker_mm: Array,
     instrument: TrackerUncertainty,
     judged: Array,
+    turns: Array | None = None,
 ) -> Forecast:
     """Return the forecast of a plan seen from the tracker's place (3,) in the base frame.
 
-    `judged` (N, 3, P) are derivatives of positions, as by `judged_positions`.
+    `judged` (N, 3, P) are derivatives of positions, as by `judged_positions`, `turns` those of the
+    tool's turn, as by `judged_turns`; None: of no interest.
     Raise `PlanInvalid` for fewer shots than determine the tracker's frame.
     """
     # The forecast is for whole pairs of the identification set; approach directions are taken
@@ -114,6 +120,7 @@ def forecast(
         position_std_mm=position_std_mm(judged, covariance[:size, :size]),
         from_below=tuple(positive_approach_shares(joints, joints[0], identify).tolist()),
         freedom=3.0 * len(rows) - len(prior) + float((covariance * prior).sum()),
+        rotation_std_deg=None if turns is None else length_std(turns, covariance[:size, :size]),
     )
 
 
@@ -153,6 +160,27 @@ def judged_positions(model: ErrorModel, robot: RobotModel, otherwise: Array) -> 
     whose workspace cannot be sampled. Raise `ConfigInvalid` for a robot that cannot be assembled at
     more than a tenth of the poses.
     """
+    joints, poses = _judged_poses(robot, otherwise)
+    return judged_at(model, robot.kinematics, joints, poses)
+
+
+def judged_turns(model: ErrorModel, robot: RobotModel, otherwise: Array) -> Array | None:
+    """Return derivatives (N, 3, P) of the tool's turn there, deg; None for a robot without turns.
+
+    They are without turns of the base's and of the tool's axes. Arguments and errors are those of
+    `judged_positions`.
+    """
+    mechanism = robot.kinematics.mechanism
+    if len(mechanism.task) == len(AXES):
+        return None
+    joints, poses = _judged_poses(robot, otherwise)
+    observations = Observations.unmeasured(joints, poses)
+    by = model.turns_by_unknowns(np.zeros(model.size), observations, poses)
+    return without_axes(np.degrees(by), mechanism.tool_axes(poses))
+
+
+def _judged_poses(robot: RobotModel, otherwise: Array) -> tuple[Array, Array]:
+    """Return joints (N, n) and poses (N, t) at which every plan of a robot is judged."""
     poses = sample_workspace(robot.kinematics, robot.limits, robot.centre, robot.space)
     if poses is None:
         poses = otherwise
@@ -163,9 +191,7 @@ def judged_positions(model: ErrorModel, robot: RobotModel, otherwise: Array) -> 
             f"poses of its workspace (limit {100.0 * LEAST_SHARE:g} %)",
             remedy="correct its geometry and limits",
         )
-    return judged_at(
-        model, robot.kinematics, joints.values[joints.is_solved], poses[joints.is_solved]
-    )
+    return joints.values[joints.is_solved], poses[joints.is_solved]
 
 
 def judged_at(model: ErrorModel, kinematics: Kinematics, joints: Array, poses: Array) -> Array:

@@ -70,6 +70,7 @@ class AcceptanceSection(Section):
 
     distance_mean_mm: Positive | None = None
     distance_max_mm: Positive | None = None
+    rotation_deg: Positive | None = None
     rotation_mm: Positive | None = None
     straightness_mm: Positive | None = None
     repeatability_mm: Positive | None = None
