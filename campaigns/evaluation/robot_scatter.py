@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.fit.error_sources import scatter_tolerances
+from campaigns.fit.error_sources import by_first_joint
 from campaigns.fit.rigid_transforms import away_from_mean
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.shots.shots import Shots
@@ -86,6 +86,5 @@ class RobotScatter:
         by_joint = self.kinematics.mechanism.point_rows(
             shots.commanded, self.kinematics.joint_jacobian(shots.joints, shots.commanded)
         )
-        tolerances = scatter_tolerances(self.kinematics.mechanism.joints)
-        by_scatter = by_joint * (self.joint * tolerances / tolerances[0])
-        return np.asarray(covariance + by_scatter @ by_scatter.swapaxes(1, 2))
+        by_joint = by_first_joint(self.kinematics.mechanism.joints, by_joint)
+        return np.asarray(covariance + self.joint**2 * by_joint @ by_joint.swapaxes(1, 2))

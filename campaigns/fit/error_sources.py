@@ -120,6 +120,12 @@ def scatter_tolerances(joints: Sequence[Axis]) -> Array:
     return np.array([scatter_tolerance_of_joints(revolute=axis.is_revolute) for axis in joints])
 
 
+def by_first_joint(joints: Sequence[Axis], by_joint: Array) -> Array:
+    """Return ∂point/∂joints (N, 3, n) by what each joint scatters while the first scatters by 1."""
+    tolerances = scatter_tolerances(joints)
+    return np.asarray(by_joint * (tolerances / tolerances[0]))
+
+
 def tolerance_of(parameter: Parameter) -> float:
     """Return the tolerance (1 σ) of a parameter in mm, rad or as a ratio."""
     source = SOURCES[parameter.field.group]

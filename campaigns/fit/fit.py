@@ -45,7 +45,12 @@ from campaigns.fit.error_model import (
     frame_motion,
     moved_frames,
 )
-from campaigns.fit.error_sources import SCATTER_TOLERANCE_MM, SOURCES, scatter_tolerances
+from campaigns.fit.error_sources import (
+    SCATTER_TOLERANCE_MM,
+    SOURCES,
+    by_first_joint,
+    scatter_tolerances,
+)
 from campaigns.fit.rigid_transforms import Transform
 
 MOST_ROUNDS = 40
@@ -671,9 +676,10 @@ def _noise_ratios(fit: Fit, *, is_cauchy: bool) -> dict[str, float]:
 # variances Q.
 def noise_parts(model: ErrorModel, observations: Observations, by_joint: Array) -> dict[str, Array]:
     """Return the parts of the noise (N, 3, 3): the tracker's, the robot's at its tolerances."""
-    by_scatter = by_joint * scatter_tolerances(model.nominal.mechanism.joints)
+    joints = model.nominal.mechanism.joints
+    by_scatter, joint = by_first_joint(joints, by_joint), scatter_tolerances(joints)[0]
     point = np.broadcast_to(SCATTER_TOLERANCE_MM**2 * np.eye(3), (len(observations), 3, 3))
-    of_joints = by_scatter @ by_scatter.swapaxes(1, 2)
+    of_joints = joint**2 * by_scatter @ by_scatter.swapaxes(1, 2)
     return {**observations.noise, "points": point, "joints": of_joints}
 
 

@@ -14,7 +14,7 @@ from campaigns.arrays import Array
 from campaigns.evaluation.region import Region
 from campaigns.fit.effects import Layer, Ripple
 from campaigns.fit.error_model import Observations, RobotPoints
-from campaigns.fit.error_sources import SOURCES
+from campaigns.fit.error_sources import SOURCES, by_first_joint
 from campaigns.fit.fit import Fit
 from campaigns.fit.uncertainty import (
     FORMER,
@@ -83,9 +83,9 @@ def uncertainty_over_workspace(
         return Uncertainty()
     covariance = fit.covariance[: fit.model.size, : fit.model.size]
     between_shots = unseen_covariances(fit, robot.by_moves, both).trace(axis1=1, axis2=2)
-    point, _ = fit.scatter
-    by_joints2 = ((robot.by_moves["joints"] * fit.joint_scatters) ** 2).sum(axis=(1, 2))
-    repeats = repeating * (3.0 * point**2 + by_joints2)
+    (point, joint), axes = fit.scatter, fit.model.nominal.mechanism.joints
+    by_joint2 = (by_first_joint(axes, robot.by_moves["joints"]) ** 2).sum(axis=(1, 2))
+    repeats = repeating * (3.0 * point**2 + joint**2 * by_joint2)
     by_sample = without_frame(robot.by[:count], positions[:count])
     of_sample = position_std_mm(by_sample, covariance)
     followed = ratio * np.sqrt(of_sample**2 + between_shots[:count] + repeats[:count])

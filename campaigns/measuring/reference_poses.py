@@ -17,6 +17,7 @@ import scipy
 
 from campaigns.arrays import Array
 from campaigns.evaluation.time_series import settling
+from campaigns.fit.error_sources import by_first_joint
 from campaigns.fit.rigid_transforms import fit_transform, frame_jacobian
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Outcome
@@ -51,8 +52,8 @@ class ReferenceNoise:
     """Uncertainty of shots for which the tracker stated none."""
     point_mm: float
     """Scatter of the robot's point, 1 σ."""
-    joint: float | Array = 0.0
-    """Scatter of its joints, 1 σ, rad or mm: of all alike, or of each, (n,)."""
+    joint: float = 0.0
+    """Scatter of its first joint, 1 σ, rad or mm; others scatter in parts of their tolerance."""
     freedom: float = inf
     """Degrees of freedom by which the scatter is estimated."""
     limit_mm: float = inf
@@ -61,11 +62,10 @@ class ReferenceNoise:
     def covariance_mm2(self, outcomes: Sequence[Outcome], point_by_joints: Array) -> Array:
         """Return the covariances (N, 3, 3) of shots' points: instrument, point and joints together.
 
-        `point_by_joints` are the derivatives ∂point/∂joints, (N, 3, n).
+        `point_by_joints` are ∂point/∂joints, (N, 3, n), of which each scatters as the first.
         """
         stated = outcomes_covariance_mm2(outcomes, self.instrument)
-        by_scatter = point_by_joints * self.joint
-        of_joints = by_scatter @ by_scatter.swapaxes(1, 2)
+        of_joints = self.joint**2 * point_by_joints @ point_by_joints.swapaxes(1, 2)
         return np.asarray(stated + self.point_mm**2 * np.eye(3) + of_joints)
 
 
@@ -110,7 +110,8 @@ def pose_settling(
     axes, joints = _tracker_from_base(nominal, kept), np.array([visit.joints for visit in visits])
     points = np.array([visit.point_in_tracker_mm for visit in visits])
     points, by_joints = points - _positions(nominal, joints) @ axes.T, _derivatives(nominal, joints)
-    covariance = noise.covariance_mm2(visits, axes @ by_joints)
+    by_first = by_first_joint(nominal.mechanism.joints, axes @ by_joints)
+    covariance = noise.covariance_mm2(visits, by_first)
     return settling([visit.shot for visit in visits], points, covariance)
 
 
@@ -141,7 +142,8 @@ def rigid_body_test(
     commanded = (_positions(nominal, q_now) - _positions(nominal, q_then)) @ axes.T
     moved = moved - points - commanded
     by_joints = np.einsum("ab,nbj->naj", axes, _derivatives(nominal, q_then))
-    covariance = sum(noise.covariance_mm2(outcomes, by_joints) for outcomes in (then, now))
+    by_first = by_first_joint(nominal.mechanism.joints, by_joints)
+    covariance = sum(noise.covariance_mm2(outcomes, by_first) for outcomes in (then, now))
     whitening = np.linalg.inv(np.linalg.cholesky(covariance))
     seen = np.einsum("nab,nb->na", whitening, moved).ravel()
     chi2 = float(seen @ seen)

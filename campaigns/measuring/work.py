@@ -159,9 +159,8 @@ class Work:
         if posterior is None or freedom < FEWEST_FREEDOM:
             limit_mm = self.gate.drift_mm
             return ReferenceNoise(instrument, UNKNOWN_NOISE * limit_mm, limit_mm=limit_mm)
-        point_mm, _ = posterior.scatter
-        joints = posterior.joint_scatters
-        return ReferenceNoise(instrument, point_mm, joints, freedom, self.gate.drift_mm)
+        point_mm, joint = posterior.scatter
+        return ReferenceNoise(instrument, point_mm, joint, freedom, self.gate.drift_mm)
 
     def gate_after(self, shots: Iterable[AcceptedShot]) -> Gate:
         """Return a gate that rests on these shots alone, with all errors of the robot free."""
