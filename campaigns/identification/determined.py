@@ -119,10 +119,9 @@ def quantity_findings(
             says = f"{what}, and no shot checks it: points of one reflector show no rotation"
             yield Finding(NOT_TESTED, says, "not decided")
         if quantity.name == "rotation" and rotation_deg is not None:
-            expanded = COVERAGE * quantity.max
-            if decide(0.0, expanded, rotation_deg) != "pass":
+            if decide(0.0, quantity.max, rotation_deg) != "pass":
                 says = (
-                    f"rotation: U is {expanded:.2g} deg at its largest, limit "
+                    f"rotation: U is {COVERAGE * quantity.max:.2g} deg at its largest, limit "
                     f"{rotation_deg:g} deg: measure more shots"
                 )
                 yield Finding(TOO_UNCERTAIN, says, "not decided")
