@@ -11,6 +11,9 @@ import numpy as np
 from app.options import REFLECTOR_HELP, REFLECTOR_METAVAR, completer, read_place
 from campaigns.errors import OptionsInvalid, OutputExists
 from campaigns.files import text_file
+from campaigns.kinematics.any_mechanism import ImplicitMechanism
+from campaigns.kinematics.catalog import FAMILY
+from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.planning.validation_plan import fitting_lines
 from campaigns.robots.robot import (
     RobotDocument,
@@ -26,8 +29,8 @@ from campaigns.settings.sections import OFFLINE, SIMULATED, ValidationConfig
 from drivers.bounded_files import is_there
 from drivers.catalog import CONTROLLERS, TRACKERS, driver_of_address
 from drivers.texts import printable
-from drivers.values import Vector3
-from sim.scenarios.adaptation import adapted, computing_all, with_drawing
+from drivers.values import Vector3, vector
+from sim.scenarios.adaptation import WantedRobot, adapted, computing_all, with_drawing
 from sim.scenarios.scenario import edited, parse_scenario, scenario_text, shipped_scenarios
 
 DEFAULT_ROBOT = "par4-prototype"
@@ -318,18 +321,27 @@ def create_on_cell(
 
 def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
     """Return the cell file of a scenario for a robot; raise `ScenarioInvalid`."""
-    joint = robot.mechanism.joints[0]
-    low, high = robot.limits.joint
-    x_mm, y_mm, z_mm = robot.workspace_centre[:3].tolist()
-    text = adapted(
-        scenario_text(scenario, seed),
-        robot.mechanism.name,
-        {name: robot.parameters[name] for name in robot.mechanism.parameters.names},
-        (joint.to_file(low), joint.to_file(high)),
-        (x_mm, y_mm, z_mm),
+    mechanism, centre = robot.mechanism, robot.workspace_centre
+    limits = zip(mechanism.joints, robot.limits.of_joints(len(mechanism.joints)), strict=True)
+    turns = zip(mechanism.task[3:], centre[3:].tolist(), strict=True)
+    wanted = WantedRobot(
+        mechanism=mechanism.name,
+        geometry={name: robot.parameters[name] for name in mechanism.parameters.names},
+        units=tuple("deg" if axis.is_revolute else "mm" for axis in mechanism.joints),
+        joint_limits=tuple((axis.to_file(low), axis.to_file(high)) for axis, (low, high) in limits),
+        centre_mm=vector(centre[:3]),
+        turns_deg={axis.name: axis.to_file(turn) for axis, turn in turns},
+        reflector_mm=mechanism.reflector_mm
+        if isinstance(mechanism, ImplicitMechanism)
+        else (0.0, 0.0, 0.0),
     )
+    text = adapted(scenario_text(scenario, seed), wanted)
+    if mechanism.name not in FAMILY:
+        return text
     # the drawing is of the controlled point, wherever the reflector is
-    plate = robot.mechanism.seen_from(None).plate
+    controlled = mechanism.seen_from(None)
+    assert isinstance(controlled, ClosedChain), "as all of the family"
+    plate = controlled.plate
     assert plate is not None, "a robot file's mechanism has its plate"
     return with_drawing(text, plate.joints_mm, plate.reflector_mm or (0.0, 0.0, 0.0))
 

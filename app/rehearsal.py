@@ -10,9 +10,11 @@ from app.plan_text import plan_line
 from app.report.terminal_text import show_gain, show_identification
 from app.wiring import connected_robot, scenario_of
 from campaigns.campaign import Campaign
+from campaigns.evaluation.simulated_devices import OWN_EQUATIONS
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
+from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.next_step import state_of
 from campaigns.options import LoadOptions, ValidationOptions, ValidationStage
 from campaigns.workflow.exporting import export, export_plain
@@ -100,6 +102,8 @@ def _announce(campaign: Campaign, terminal: Terminal) -> Rehearsal:
     """Print scenario, seed and folder, and return the empty answers."""
     scenario = scenario_of(campaign.folder, campaign.config.controller.url)
     terminal.say(f"dry run of {scenario.name}, seed {scenario.seed}, in {campaign.folder}", "bold")
+    if campaign.robot.mechanism.name not in MECHANISMS:
+        terminal.say(OWN_EQUATIONS)
     return Rehearsal(scenario.name, scenario.seed)
 
 

@@ -21,6 +21,7 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
+from app.own_equations import OwnEquations
 from campaigns.campaign import Campaign
 from campaigns.controllers.active_kinematics import HeldParameters, joints_of_pose
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing, WriteFailed
@@ -322,7 +323,8 @@ def _in_process(campaign: Campaign, scenario: Scenario) -> Iterator[InProcessCel
     require_same_mechanism(campaign, scenario)
     memory = _read_memory(path)
     before = _count_records(campaign) if memory is None else 0
-    cell = Cell(scenario, memory=memory, attempts_before=before)
+    equations = partial(OwnEquations.of, campaign.robot.mechanism)
+    cell = Cell(scenario, memory=memory, attempts_before=before, equations=equations)
     tracker = campaign.config.tracker
     speaks = tracker.driver if tracker.url.startswith(SIMULATED) else "emscon"
     # beside a real device the cell lives by the wall clock, else on event time

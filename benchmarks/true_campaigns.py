@@ -34,7 +34,7 @@ from campaigns.arrays import Array
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.robots.robot import RobotFile
 from pkmcal import Shots, find_robot, plan, sample_workspace
-from sim.geometry import LENGTHS, Kind
+from sim.geometry import LENGTHS, PlateKind
 from sim.robot.rods import rotation
 
 TRACKER_MM = np.array([2500.0, 0.0, -500.0])
@@ -139,7 +139,7 @@ class TrueStep:
         return np.asarray((rows >= self.first) & (rows < self.end))
 
 
-def resolve_step(term: Term, kind: Kind, planned: PlannedShots, streams: Streams) -> TrueStep:
+def resolve_step(term: Term, kind: PlateKind, planned: PlannedShots, streams: Streams) -> TrueStep:
     """Return what a step changes in a plan's campaign."""
     fitted, count = planned.fitted, len(planned.joints)
     first = count - term.last if term.last else int(fitted[planned.scaled(term.since or 0)])

@@ -25,7 +25,7 @@ import numpy as np
 from campaigns.arrays import Array, Index
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.robots.robot import RobotFile
-from sim.geometry import KINDS, Kind, geometry_of
+from sim.geometry import KINDS, PlateKind, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism
 from sim.robot.transmission import WEIGHTLESS, Load, Transmission
 
@@ -233,7 +233,7 @@ def settled_points(
 class TrueRobot:
     """A robot as it was made, and what no model of it has."""
 
-    kind: Kind
+    kind: PlateKind
     flat: Mapping[str, float]
     """Contracted parameters by name, mm and deg."""
     build: Build
@@ -363,7 +363,7 @@ def draw_robot(
     )
 
 
-def _geometry(nominal: RobotFile, kind: Kind, streams: Streams) -> dict[str, float]:
+def _geometry(nominal: RobotFile, kind: PlateKind, streams: Streams) -> dict[str, float]:
     """Draw the contracted parameters about nominal."""
     rng, flat = streams.of("geometry"), {}
     for name in kind.names:
@@ -385,7 +385,7 @@ def stated_reflector_mm(name: str) -> Array:
     return np.array([0.0, 0.0, -45.0] if name.startswith("h4") else [20.0, -30.0, -45.0])
 
 
-def _misplaced(kind: Kind, situation: Situation, streams: Streams) -> Array:
+def _misplaced(kind: PlateKind, situation: Situation, streams: Streams) -> Array:
     """Return where a reflector is from where a file states it, (3,), mm."""
     # On a part that turns round the controlled point a reflector beside the axis would circle: it
     # is on the axis, as its file says.
@@ -393,7 +393,7 @@ def _misplaced(kind: Kind, situation: Situation, streams: Streams) -> Array:
     return situation.size("reflector") * way
 
 
-def _ripples(kind: Kind, situation: Situation, streams: Streams) -> tuple[Array, Array]:
+def _ripples(kind: PlateKind, situation: Situation, streams: Streams) -> tuple[Array, Array]:
     """Return largest errors and rates of the ripples of each arm, (n,)."""
     arms, usual, rate = kind.arms, math.radians(0.5 / 60.0), 50.0
     if kind.on_rails:
@@ -407,7 +407,7 @@ def _ripples(kind: Kind, situation: Situation, streams: Streams) -> tuple[Array,
     return ripple, rates
 
 
-def _bend(kind: Kind, situation: Situation, planned: PlannedShots, streams: Streams) -> Array:
+def _bend(kind: PlateKind, situation: Situation, planned: PlannedShots, streams: Streams) -> Array:
     """Return the bent arm, the joint from which it bends, and its rate."""
     arm = arm_of(streams, "bent", kind.arms)
     since, end = np.quantile(planned.joints[:, arm], [0.7, 1.0])

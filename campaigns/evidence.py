@@ -33,7 +33,7 @@ from campaigns.controllers.load_journal import Load, load_history, read_load
 from campaigns.errors import CampaignError, FindingUnreadable
 from campaigns.evaluation import model_errors, validation
 from campaigns.evaluation.robot_scatter import RobotScatter
-from campaigns.evaluation.simulated_devices import simulated_devices
+from campaigns.evaluation.simulated_devices import OWN_EQUATIONS, simulated_devices
 from campaigns.evaluation.time_series import TimeSeries, time_series
 from campaigns.evaluation.verdict import (
     CampaignVerdict,
@@ -55,6 +55,7 @@ from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Event, Finding, FindingKind, PairVoided, Rejected, Stage
 from campaigns.journal.views import Series
 from campaigns.kinematics.any_mechanism import Mechanism
+from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.planning.plan_file import PlannedShot, plan_difference, plan_digest
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.shots.shot_sets import ShotSet
@@ -251,7 +252,9 @@ class Evidence:
     def simulated(self) -> str:
         """Sentence on simulated devices, by each series or by campaign.yaml; "" if all are real."""
         series = self.journal.series if self.journal else ()
-        return simulated_devices(series, planned=self.campaign.is_simulated)
+        devices = simulated_devices(series, planned=self.campaign.is_simulated)
+        has_parts = self.campaign.robot.mechanism.name in MECHANISMS
+        return devices if has_parts or not devices else f"{devices} {OWN_EQUATIONS}"
 
     def by_stage(self) -> tuple[tuple[str, MeasuredSeries], ...]:
         """Return the names of all series with their shots, in the order of a campaign."""

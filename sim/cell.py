@@ -12,27 +12,30 @@ memory that an earlier process left; encoder readings and measured points go out
 No equation is shared with the estimator: `campaigns.kinematics` closes one contracted forearm an
 arm, by squares of distances; here each single rod is closed by its own length, and the controller's
 inverse is a third way, by triangles (robot/assembly.py). An error of sign or of order would have to
-be made twice to go unseen. `sim` imports no code of `campaigns`; an import contract holds that.
+be made twice to go unseen. Platforms of one body are held by bars (robot/bars.py); a mechanism that
+has no parts here is moved by equations that the caller hands in. `sim` imports no code of
+`campaigns`; an import contract holds that.
 """
 
 import json
 import math
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from sim import factory
 from sim.errors import AssemblyLost, ScenarioInvalid, SimError
 from sim.faults import FaultScript
-from sim.geometry import KINDS, Array, Geometry, geometry_of, problem_with
+from sim.geometry import Array, Kind, PlateKind, geometry_of, problem_with
 from sim.random_streams import Attempts, Purpose, WorkedTime
 from sim.robot.assembly import Assembly, OutOfReach, assemble, follow, joints_for, restore
+from sim.robot.bars import EquationsOf, FreeMechanism, free_mechanism
 from sim.robot.controller import SimulatedController
 from sim.robot.driven_robot import DrivenRobot, Standing
-from sim.robot.rods import Growth, Plate, RodMechanism
+from sim.robot.rods import Growth, Mechanism, RodMechanism
 from sim.robot.transmission import Transmission
 from sim.scenarios.schema import Scenario
 from sim.section import Point
@@ -76,22 +79,19 @@ class CellMemory(BaseModel):
     taken: tuple[TakenShot, ...] = ()
     """Shots that the tracker reported, with the truth; memories of older versions have none."""
 
-    @model_validator(mode="after")
-    def _geometry_is_a_robot(self) -> Self:
-        # a memory is a file that may have been edited: all sizes are checked before arrays are made
-        kind = KINDS.get(self.mechanism)
-        if kind is None:
-            raise ValueError(f"mechanism '{self.mechanism}' is not known")
+    # a memory is a file that may have been edited: all sizes are checked before arrays are made
+    def problem_for(self, kind: Kind) -> str:
+        """Return why it is of no robot of a kind; empty if it is of one."""
         if problem := problem_with(self.geometry, kind, extensions=kind.optional):
-            raise ValueError(f"geometry: {problem}")
+            return f"geometry: {problem}"
         if {len(self.encoders_rad), len(self.play_rad), len(self.joints)} != {kind.arms}:
-            raise ValueError(f"a {kind.name} has {kind.arms} joints")
+            return f"a {kind.name} has {kind.arms} joints"
         if len(self.plate) != kind.unknowns:
-            raise ValueError(f"plate holds {len(self.plate)} values, not {kind.unknowns}")
-        return self
+            return f"plate holds {len(self.plate)} values, not {kind.unknowns}"
+        return ""
 
 
-def check_memory(memory: Mapping[str, object], *, scenario: str, mechanism: str) -> CellMemory:
+def check_memory(memory: Mapping[str, object], *, scenario: str, kind: Kind) -> CellMemory:
     """Check a memory and return it; raises `SimError` if it is damaged or another cell's."""
     try:
         past = CellMemory.model_validate_json(json.dumps(memory))
@@ -102,10 +102,12 @@ def check_memory(memory: Mapping[str, object], *, scenario: str, mechanism: str)
         raise SimError(
             f"the cell's memory is of scenario '{past.scenario}', not '{scenario}'", remedy=REMEDY
         )
-    if past.mechanism != mechanism:
+    if past.mechanism != kind.name:
         raise SimError(
-            f"the cell's memory is of a {past.mechanism}, not a {mechanism}", remedy=REMEDY
+            f"the cell's memory is of a {past.mechanism}, not a {kind.name}", remedy=REMEDY
         )
+    if problem := past.problem_for(kind):
+        raise SimError(f"the cell's memory is damaged: {problem}", remedy=REMEDY)
     return past
 
 
@@ -113,8 +115,9 @@ class Cell:
     """A scenario come alive. `memory` continues an earlier cell; `seed` overrides the scenario's.
 
     A new cell counts its attempts at each target from `attempts_before` on: it is the same robot,
-    and its noise is not that of the cell before it. Raises `ScenarioInvalid` when no such robot can
-    be put together, `SimError` when the memory is damaged or another cell's.
+    and its noise is not that of the cell before it. `equations` are those of a mechanism that has
+    no parts here. Raises `ScenarioInvalid` when no such robot can be put together, `SimError` when
+    the memory is damaged or another cell's, or when equations are missing.
     """
 
     def __init__(
@@ -124,27 +127,25 @@ class Cell:
         seed: int | None = None,
         memory: Mapping[str, object] | None = None,
         attempts_before: int = 0,
+        equations: EquationsOf | None = None,
     ) -> None:
         self.scenario = scenario
         section, kind = scenario.robot, scenario.robot.kind
         self.kind = kind
         past = None
         if memory is not None:
-            past = check_memory(memory, scenario=scenario.name, mechanism=kind.name)
+            past = check_memory(memory, scenario=scenario.name, kind=kind)
         self.seed = _resolve_seed(scenario, seed, past)
         self.true_geometry = factory.true_geometry(section, self.seed)
-        truth = geometry_of(self.true_geometry, kind)
         # All draws of manufacture are made again in each process: the seed keeps the robot, and
         # the memory holds only what has happened to it.
-        rods = RodMechanism(truth, factory.build_of(section, truth, self.seed))
+        rods = factory.mechanism_of(section, self.true_geometry, self.seed, equations)
         behaviour = factory.behaviour(section, self.seed)
-        self._state = state = (
-            _make_first_state(scenario, self.seed, rods, truth, behaviour.transmission).model_copy(
-                update={"attempts_before": attempts_before}
-            )
-            if past is None
-            else past
-        )
+        computed = factory.controller_kinematics(scenario, self.true_geometry, equations)
+        if past is None:
+            first = self._stand_at_start(rods, behaviour.transmission, equations)
+            past = first.model_copy(update={"attempts_before": attempts_before})
+        self._state = state = past
         # one worked time for all parts: robot, air and stand drift with the sum of their work
         self._worked = WorkedTime(state.worked_s)
         self.faults = FaultScript((f.fault() for f in scenario.faults), state.fault_counts)
@@ -152,7 +153,7 @@ class Cell:
         self.robot = DrivenRobot(
             rods,
             behaviour,
-            factory.mount(section, self.station),
+            factory.mount(scenario, self.station),
             _restore_standing(state, rods, section.thermal.growth(state.worked_s)),
             worked=self._worked,
             arrivals=self._attempts(Purpose.ARRIVAL, state.arrivals),
@@ -163,7 +164,7 @@ class Cell:
             geometry=state.geometry,
             faults=self.faults,
             worked=self._worked,
-            kinematics=factory.controller_kinematics(scenario, self.true_geometry),
+            kinematics=computed,
         )
         self._scene = Scene(self.controller, self.robot)
         self.tracker = self._make_tracker(state)
@@ -201,6 +202,56 @@ class Cell:
         }
         return self._state.model_copy(update=now).model_dump(mode="json", by_alias=True)
 
+    # The true robot stands at the encoder readings that its controller computes for the start pose,
+    # and therefore, by all its errors, beside that pose.
+    def _stand_at_start(
+        self, rods: Mechanism, gears: Transmission, equations: EquationsOf | None
+    ) -> CellMemory:
+        """Return the state of a new cell; raises `ScenarioInvalid` if it cannot stand there."""
+        scenario, kind = self.scenario, self.kind
+        start, tracker = scenario.controller.start, scenario.tracker
+        geometry = scenario.controller_flat()
+        step = scenario.controller.encoder_step(kind)
+        try:
+            # the assembly is found from the true robot at the start pose, which is close, and then
+            # followed to the joints where its gears stand: so it cannot be another assembly of them
+            if isinstance(kind, PlateKind):
+                pose = start.pose[:3], math.radians(start.theta_deg)
+                wanted = joints_for(geometry_of(geometry, kind), *pose)
+                assert isinstance(rods, RodMechanism), "as the factory makes it"
+                near = assemble(rods, geometry_of(self.true_geometry, kind), *pose)
+            else:
+                wanted = free_mechanism(kind, geometry, equations).joints_for(start.pose)
+                assert isinstance(rods, FreeMechanism), "as the factory makes it"
+                near = restore(rods, rods.joints_for(start.pose), rods.plate_of(start.pose))
+            encoders = np.round(wanted / step) * step
+            assembly = follow(rods, near, gears.joints(encoders))
+        except (OutOfReach, AssemblyLost) as error:
+            raise ScenarioInvalid(
+                f"{scenario.name}: the robot cannot stand at controller.start ({error})",
+                remedy="choose a start pose in its workspace, or smaller errors",
+            ) from error
+        return CellMemory(
+            schema=SCHEMA,
+            scenario=scenario.name,
+            seed=self.seed,
+            worked_s=0.0,
+            mechanism=kind.name,
+            geometry=geometry,
+            encoders_rad=tuple(encoders.tolist()),
+            play_rad=(0.0,) * kind.arms,
+            joints=tuple(assembly.joints.tolist()),
+            plate=tuple(assembly.plate.unknowns.tolist()),
+            displaced_mm=(0.0, 0.0, 0.0),
+            arrivals={},
+            shots={},
+            fault_counts={},
+            tracker_initialised=tracker.initialised,
+            tracker_warm=False,
+            selected_reflector=tracker.selected,
+            beam_on=Target.ROBOT if tracker.beam_locked else None,
+        )
+
     def _attempts(self, purpose: Purpose, counts: Mapping[str, int]) -> Attempts:
         return Attempts(self.seed, purpose, counts, self._state.attempts_before)
 
@@ -233,53 +284,6 @@ class Cell:
         )
 
 
-def _make_first_state(
-    scenario: Scenario, seed: int, rods: RodMechanism, truth: Geometry, gears: Transmission
-) -> CellMemory:
-    """Return the state of a new cell.
-
-    The true robot stands at the encoder readings that its controller computes for the start pose,
-    and therefore, by all its errors, beside that pose.
-    """
-    start, tracker, kind = scenario.controller.start, scenario.tracker, scenario.robot.kind
-    position_mm = np.array([start.x_mm, start.y_mm, start.z_mm])
-    theta_rad = math.radians(start.theta_deg)
-    geometry = scenario.controller_flat()
-    step = scenario.controller.encoder_step(kind)
-    try:
-        wanted = joints_for(geometry_of(geometry, kind), position_mm, theta_rad)
-        encoders = np.round(wanted / step) * step
-        # the assembly is found from the true robot at the start pose, which is close, and then
-        # followed to the joints where its gears stand: so it cannot be another assembly of them
-        near = assemble(rods, truth, position_mm, theta_rad)
-        assembly = follow(rods, near, gears.joints(encoders))
-    except (OutOfReach, AssemblyLost) as error:
-        raise ScenarioInvalid(
-            f"{scenario.name}: the robot cannot stand at controller.start ({error})",
-            remedy="choose a start pose in its workspace, or smaller errors",
-        ) from error
-    return CellMemory(
-        schema=SCHEMA,
-        scenario=scenario.name,
-        seed=seed,
-        worked_s=0.0,
-        mechanism=kind.name,
-        geometry=geometry,
-        encoders_rad=tuple(encoders.tolist()),
-        play_rad=(0.0,) * kind.arms,
-        joints=tuple(assembly.joints.tolist()),
-        plate=tuple(assembly.plate.unknowns.tolist()),
-        displaced_mm=(0.0, 0.0, 0.0),
-        arrivals={},
-        shots={},
-        fault_counts={},
-        tracker_initialised=tracker.initialised,
-        tracker_warm=False,
-        selected_reflector=tracker.selected,
-        beam_on=Target.ROBOT if tracker.beam_locked else None,
-    )
-
-
 def _resolve_seed(scenario: Scenario, seed: int | None, past: CellMemory | None) -> int:
     """Return the remembered seed, else the one asked for, else the scenario's.
 
@@ -292,11 +296,11 @@ def _resolve_seed(scenario: Scenario, seed: int | None, past: CellMemory | None)
     return past.seed
 
 
-def _restore_standing(state: CellMemory, rods: RodMechanism, growth: Growth) -> Standing:
+def _restore_standing(state: CellMemory, rods: Mechanism, growth: Growth) -> Standing:
     """Restore the standing to the last bit, so that everything goes on unchanged."""
     # The assembly is solved only to check the memory and to find its side. The plate itself stays
     # the remembered one: a second solution would differ from it in the last bits.
-    joints, plate = np.array(state.joints), Plate(np.array(state.plate))
+    joints, plate = np.array(state.joints), rods.plate_of(np.array(state.plate))
     try:
         assembly = restore(rods, joints, plate, growth)
     except AssemblyLost as error:

@@ -19,11 +19,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sim.geometry import Array, Geometry, Kind, KindParameter, geometry_of
+from sim.geometry import LENGTHS, Array, Geometry, Kind, KindParameter, PlateKind, geometry_of
 from sim.random_streams import Purpose, generator
+from sim.robot.bars import EquationsOf, TurningPlate, free_mechanism
 from sim.robot.controller import ControllerKinematics
 from sim.robot.driven_robot import Behaviour, SeenReflector
-from sim.robot.rods import Build
+from sim.robot.rods import Build, Mechanism, RodMechanism
 from sim.robot.section import PPM, RobotSection, Tolerances
 from sim.robot.tilting_kinematics import KnownPlate
 from sim.robot.transmission import Load, Transmission
@@ -44,8 +45,9 @@ def true_geometry(robot: RobotSection, seed: int) -> dict[str, float]:
     # in the scenario then leaves the other parameters of a seed as they were.
     draw = generator(seed, Purpose.MANUFACTURE).standard_normal(len(robot.kind.names))
     flat = robot.true_flat()
+    sigma = _sigma if isinstance(robot.kind, PlateKind) else _sigma_of_bars
     return {
-        name: flat[name] + _sigma(robot.tolerances, parameter) * float(normal)
+        name: flat[name] + sigma(robot.tolerances, parameter) * float(normal)
         for (name, parameter), normal in zip(robot.kind.parameters.items(), draw, strict=True)
     }
 
@@ -64,9 +66,34 @@ def _sigma(tolerances: Tolerances, parameter: KindParameter) -> float:
     return 0.0 if stem in {"elevation", "pinion"} else tolerances.length_mm
 
 
+# The drawn places of all other arms, and of the joints on the platform, are seen from where arm 0's
+# place and the drawing have these frames.
+def _sigma_of_bars(tolerances: Tolerances, parameter: KindParameter) -> float:
+    """Return the same of a mechanism whose platform is one body, or of one's own."""
+    arm, (stem, unit) = parameter
+    if stem in {"x", "y", "z"}:
+        return 0.0 if arm == 0 else tolerances.position_mm
+    if unit == "mm":
+        is_length = stem in {*LENGTHS, "joint_offset"}
+        return tolerances.length_mm if is_length else tolerances.position_mm
+    if stem == "joint_offset":
+        return tolerances.joint_offset_deg
+    return math.degrees(tolerances.azimuth_mrad * RAD_PER_MRAD) if unit == "deg" else 0.0
+
+
+def mechanism_of(
+    robot: RobotSection, true_flat: dict[str, float], seed: int, equations: EquationsOf | None
+) -> Mechanism:
+    """Draw the parts as they were really made; raises `SimError` without equations of its kind."""
+    if not isinstance(robot.kind, PlateKind):
+        return free_mechanism(robot.kind, true_flat, equations)
+    truth = geometry_of(true_flat, robot.kind)
+    return RodMechanism(truth, build_of(robot, truth, seed))
+
+
 def build_of(robot: RobotSection, geometry: Geometry, seed: int) -> Build:
     """Draw plate, rods and axes as they were really made."""
-    kind = robot.kind
+    kind = geometry.kind
     rods = generator(seed, Purpose.RODS).standard_normal((kind.arms, 2))
     tilts = generator(seed, Purpose.TILTS).standard_normal((1 + kind.on_rails, kind.arms))
     tilts_mrad = robot.tolerances.axis_tilt_mrad * tilts
@@ -80,28 +107,31 @@ def build_of(robot: RobotSection, geometry: Geometry, seed: int) -> Build:
     )
 
 
-def controller_kinematics(scenario: Scenario, true_flat: dict[str, float]) -> ControllerKinematics:
+def controller_kinematics(
+    scenario: Scenario, true_flat: dict[str, float], equations: EquationsOf | None = None
+) -> ControllerKinematics:
     """Return what the controller can compute beside the plain kinematics of its mechanism.
 
     Turns of the motors come from the drawing, so they are the true ones, and places on the plate
     are those of the drawing; errors are parameters that the controller has to be given by `load`.
     """
     robot, controller, plate, ripple_rate = scenario.robot, scenario.controller, None, None
-    if controller.computes_plate_tilt:
+    if controller.computes_plate_tilt and isinstance(robot.kind, PlateKind):
         joints_mm = robot.places_on_plate_mm(geometry_of(true_flat, robot.kind))
         if controller.plate_joints_mm is not None:
             joints_mm = np.array(controller.plate_joints_mm)
         plate = KnownPlate(joints_mm, robot.rod_spacing_mm, np.array(controller.reflector_mm))
     if controller.computes_transmission:
         ripple_rate = _motor_rad(robot)
-    return ControllerKinematics(robot.kind, plate, ripple_rate)
+    return ControllerKinematics(robot.kind, plate, ripple_rate, equations)
 
 
 def _motor_rad(robot: RobotSection) -> Array:
     """Return the turn of each motor for 1 rad or mm of its joint, (n,), rad."""
     kind, gears = robot.kind, robot.transmission
-    rates = np.array(gears.pitch_mm if kind.on_rails else gears.ripples_per_turn)
-    return np.broadcast_to(2.0 * math.pi / rates if kind.on_rails else rates, kind.arms)
+    return np.where(
+        kind.is_carriage, 2.0 * math.pi / np.array(gears.pitch_mm), np.array(gears.ripples_per_turn)
+    )
 
 
 def _of_arms(values: Sequence[float], kind: Kind) -> Array:
@@ -112,12 +142,12 @@ def _of_arms(values: Sequence[float], kind: Kind) -> Array:
 def behaviour(robot: RobotSection, seed: int) -> Behaviour:
     """Return the effects between encoders and mechanism."""
     kind, repeatability = robot.kind, robot.repeatability
-    backlash = _of_arms(robot.backlash_arcmin, kind) * RAD_PER_ARCMIN
-    noise = repeatability.joint_arcsec * RAD_PER_ARCSEC
-    if kind.on_rails:
-        backlash, noise = _of_arms(robot.backlash_mm, kind), repeatability.joint_mm
+    turning, shifting = _of_arms(robot.backlash_arcmin, kind), _of_arms(robot.backlash_mm, kind)
+    noise = np.where(
+        kind.is_carriage, repeatability.joint_mm, repeatability.joint_arcsec * RAD_PER_ARCSEC
+    )
     return Behaviour(
-        backlash=backlash,
+        backlash=np.where(kind.is_carriage, shifting, turning * RAD_PER_ARCMIN),
         joint_noise=noise,
         position_noise_mm=repeatability.position_mm,
         thermal=robot.thermal,
@@ -133,12 +163,12 @@ def transmission(robot: RobotSection, seed: int) -> Transmission:
     phases = draw.uniform(-math.pi, math.pi, (2, kind.arms))
     # a ring that is e off its axis misreads angles by up to e over its radius, to first order
     eccentricity = 2.0 * gears.eccentricity_um * MM_PER_UM / gears.ring_mm
-    ripple = gears.ripple_mm if kind.on_rails else gears.ripple_arcsec * RAD_PER_ARCSEC
+    ripple = np.where(kind.is_carriage, gears.ripple_mm, gears.ripple_arcsec * RAD_PER_ARCSEC)
     return Transmission(
-        eccentricity=np.full(kind.arms, eccentricity),
+        eccentricity=np.where(kind.is_carriage, 0.0, eccentricity),
         phase_rad=phases[0],
         ratio=gears.ratio_ppm * PPM * draw.standard_normal(kind.arms),
-        ripple=np.full(kind.arms, ripple),
+        ripple=ripple,
         ripple_phase_rad=phases[1],
         motor_rad=_motor_rad(robot),
     )
@@ -152,21 +182,24 @@ def _load(robot: RobotSection) -> Load:
     # A crank's mass is in its middle, which rises half as far as the elbow: it counts with one half
     # there. A carriage rises whole.
     weight, kind = robot.weight, robot.kind
-    arm_kg = weight.arm_kg if kind.on_rails else 0.5 * weight.arm_kg
+    arm_kg = np.where(kind.is_carriage, 1.0, 0.5) * weight.arm_kg
     elbow_kg = arm_kg + 0.5 * weight.forearm_kg
     plate_kg = weight.plate_kg + weight.payload_kg + 0.5 * kind.arms * weight.forearm_kg
-    stiffness = (
-        (weight.drive_n_per_um or math.inf) / MM_PER_UM
-        if kind.on_rails
-        else (weight.gear_nm_per_arcmin or math.inf) * MM_PER_M / RAD_PER_ARCMIN
+    stiffness = np.where(
+        kind.is_carriage,
+        (weight.drive_n_per_um or math.inf) / MM_PER_UM,
+        (weight.gear_nm_per_arcmin or math.inf) * MM_PER_M / RAD_PER_ARCMIN,
     )
     return Load(GRAVITY_N_PER_KG * elbow_kg, GRAVITY_N_PER_KG * plate_kg, stiffness)
 
 
-def mount(robot: RobotSection, station: TrackerPose) -> SeenReflector:
+def mount(scenario: Scenario, station: TrackerPose) -> SeenReflector:
     """Return the mounted reflector; by default it faces the tracker from the workspace's centre."""
+    robot, start = scenario.robot, TurningPlate(scenario.controller.start.pose)
     direction = robot.reflector.facing
     centre_mm = np.array(robot.workspace_centre_mm)
     facing = station.origin_in_base_mm - centre_mm if direction is None else np.array(direction)
+    if direction is None and not isinstance(robot.kind, PlateKind):
+        facing = facing @ start.rotation  # a platform with three turns may be turned at the start
     offset_mm = np.array(robot.reflector.offset_mm)
     return SeenReflector(offset_mm, facing / np.linalg.norm(facing), robot.reflector.half)

@@ -1,31 +1,38 @@
 """Kinds of mechanisms and their parameters for the simulator's own use.
 
-Flat names (`arm1.forearm_mm`, deg) outside, arrays (rad) inside. A `Kind` says of which parts a
-robot is built: cranks or carriages, three or four, and what its platform does when it turns.
-`Geometry` holds the contracted parameters of one robot of that kind.
+Flat names (`arm1.forearm_mm`, deg) outside, arrays (rad) inside. A `Kind` says which joints and
+parameters a robot has, and what its platform does when it turns:
+
+- `PlateKind`: cranks or carriages, three or four, each with two rods under a plate;
+- `BarKind`: a table of arms, each of which holds a free platform, or one in a plane, by one bar;
+- `StatedKind`: joints and parameters alone, of a mechanism whose equations come from outside.
+
+`Geometry` holds the contracted parameters of one robot of rods.
 
 Names and values exist a second time in `campaigns.kinematics`, on purpose: the simulator must not
 learn from the estimator what a parameter means (docs/adr/0003-simulator-of-eight-rods.md).
 """
 
 import math
-from collections.abc import Collection, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Unit = Literal["mm", "deg"]
 
 
 class Field(NamedTuple):
     """Field of a robot's file: what it is, and its unit."""
 
     stem: str
-    unit: Literal["mm", "deg"]
+    unit: Literal["mm", "deg", "ppm"]
 
     @property
     def key(self) -> str:
@@ -69,9 +76,108 @@ class Turn:
 HINGE, SLIDE = Turn("hinge", Field("plate", "mm")), Turn("slide", Field("pinion", "mm"))
 
 
+class Kind(ABC):
+    """Kind of mechanism: what files, wires and controllers know of it."""
+
+    name: str
+    turn: Turn | None = None
+    """What the two parts of its platform do when it turns; None: its platform is one part."""
+    lengths: tuple[str, ...] = LENGTHS
+    """Stems of parameters that are above 0."""
+
+    @property
+    @abstractmethod
+    def units(self) -> tuple[Unit, ...]:
+        """Unit of each joint outside: deg of cranks, mm of carriages and legs."""
+
+    @property
+    @abstractmethod
+    def turns(self) -> tuple[str, ...]:
+        """Names of the turns in a pose."""
+
+    @property
+    @abstractmethod
+    def unknowns(self) -> int:
+        """Unknowns of a platform: place, orientation, and an inner turn where there is one."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> Mapping[str, KindParameter]:
+        """Its parameters by flat name."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Flat names of its parameters."""
+        return tuple(self.parameters)
+
+    @property
+    def extensions(self) -> tuple[str, ...]:
+        """Flat names of parameters that tilt or lower its plate, turn rails or move its joints."""
+        return ()
+
+    @property
+    def transmission(self) -> tuple[str, ...]:
+        """Flat names of the errors of gears and encoders; 0 if perfect."""
+        # a carriage's scale is straight: it has no centre that could be beside an axis; and where a
+        # robot has gears, its drives have no ripple, which would repeat at another rate
+        rippling = "deg" if "deg" in self.units else "mm"
+        of_all = [
+            (arm, unit, field)
+            for field in (*RIPPLES, *ECCENTRICITIES)
+            for arm, unit in enumerate(self.units)
+        ]
+        return tuple(
+            f"arm{arm}.{field.format(unit)}"
+            for arm, unit, field in of_all
+            if not (field.startswith("ripple") and unit != rippling)
+            and not (field in ECCENTRICITIES and unit == "mm")
+        )
+
+    @property
+    def rate(self) -> str:
+        """Flat name of the ripples' number in a turn, or of a carriage's way for one ripple."""
+        return "ripples_per_turn" if "deg" in self.units else "drive_period_mm"
+
+    @property
+    def optional(self) -> tuple[str, ...]:
+        """Flat names of all parameters that only some controllers have."""
+        return (*self.extensions, *self.transmission, self.rate)
+
+    @property
+    def arms(self) -> int:
+        """Number of arms, each with one joint."""
+        return len(self.units)
+
+    @cached_property
+    def is_carriage(self) -> NDArray[np.bool_]:
+        """(n,): which joints shift instead of turning."""
+        return np.array([unit == "mm" for unit in self.units])
+
+    @cached_property
+    def scales(self) -> Array:
+        """(n,): inner units of each joint that compare with a crank's turn of 1 rad."""
+        return np.where(self.is_carriage, CRANK_MM, 1.0)
+
+    def inner(self, joints: ArrayLike) -> Array:
+        """Convert joints (n,), or one value for all, from the units outside to rad or mm."""
+        return np.asarray(joints) * np.where(self.is_carriage, 1.0, math.pi / 180.0)
+
+    def outer(self, joints: ArrayLike) -> Array:
+        """Convert joints (n,), or one value for all, from rad or mm to deg or mm."""
+        return np.asarray(joints) * np.where(self.is_carriage, 1.0, 180.0 / math.pi)
+
+    def text(self, joint: int, value: float, form: str) -> str:
+        """Format the value of a joint for people: `12.345°` or `12.345 mm`."""
+        return f"{self.outer(value)[joint]:{form}}{' mm' if self.is_carriage[joint] else '°'}"
+
+    def listed(self, joints: Array, form: str) -> str:
+        """Format all joints for people."""
+        return ", ".join(self.text(joint, value, form) for joint, value in enumerate(joints))
+
+
 @dataclass(frozen=True)
-class Kind:
-    """Kind of mechanism, by the parts of which it is built."""
+class PlateKind(Kind):
+    """Kind of mechanism whose arms hold a plate by two rods each."""
 
     name: str
     shares: tuple[float, ...]
@@ -79,10 +185,25 @@ class Kind:
     turn: Turn | None = None
     on_rails: bool = False
 
+    @cached_property
+    def units(self) -> tuple[Unit, ...]:
+        """Unit of each joint outside."""
+        return (self.unit,) * len(self.shares)
+
     @property
-    def arms(self) -> int:
-        """Number of arms, each with two rods."""
-        return len(self.shares)
+    def unit(self) -> Unit:
+        """Unit of all joints outside."""
+        return "mm" if self.on_rails else "deg"
+
+    @property
+    def scale(self) -> float:
+        """Inner units of every joint that compare with a crank's turn of 1 rad."""
+        return CRANK_MM if self.on_rails else 1.0
+
+    @cached_property
+    def turns(self) -> tuple[str, ...]:
+        """Names of the turns in a pose."""
+        return () if self.turn is None else ("theta",)
 
     @property
     def unknowns(self) -> int:
@@ -98,86 +219,148 @@ class Kind:
     def parameters(self) -> Mapping[str, KindParameter]:
         """Its parameters by flat name."""
         fields = CARRIAGE_FIELDS if self.on_rails else CRANK_FIELDS
-        of_arms = ((arm, field) for arm in range(self.arms) for field in fields)
-        by_name: dict[str, KindParameter] = {f"arm{arm}.{f.key}": (arm, f) for arm, f in of_arms}
+        by_name = _parameters_of([fields] * len(self.shares))
         if self.turn is not None:
             by_name[self.turn.parameter.key] = None, self.turn.parameter
         return by_name
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Flat names of its parameters."""
-        return tuple(self.parameters)
 
     @cached_property
     def extensions(self) -> tuple[str, ...]:
         """Flat names of parameters that tilt or lower its plate, turn rails or move its joints."""
         fields = CARRIAGE_EXTENSIONS if self.on_rails else CRANK_EXTENSIONS
-        return (*self._of_arms((*fields, f"compliance_{self.unit}")), *SAG, *REFLECTOR)
+        of_arms = (*fields, f"compliance_{self.unit}")
+        arms = range(len(self.shares))
+        return (*(f"arm{arm}.{field}" for field in of_arms for arm in arms), *SAG, *REFLECTOR)
+
+
+@dataclass(frozen=True)
+class Limb:
+    """Arm that holds a platform by one bar, by how its joint moves the bar's upper end."""
+
+    moves: Literal["leg", "carriage", "crank"]
+    """`leg`: the end stays, and the joint is the bar's length; `carriage`: the joint shifts it
+    along a rail; `crank`: the joint turns it about z."""
+    fields: tuple[Field, ...]
+    side: float = 1.0
+    """Which of two joints takes a pose: 1, a crank's elbow on the left of the way to the platform,
+    or a carriage above it or further along; -1, the other one."""
+
+
+@dataclass(frozen=True)
+class BarKind(Kind):
+    """Kind of mechanism whose arms hold a platform by one bar each, stated by a table."""
+
+    name: str
+    limbs: tuple[Limb, ...]
+    free: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
+    """Coordinates in which the platform moves: 0 to 2 are x, y, z, 3 to 5 the turns about them."""
+
+    unknowns = 6
 
     @cached_property
-    def transmission(self) -> tuple[str, ...]:
-        """Flat names of the errors of gears and encoders; 0 if perfect."""
-        # a carriage's scale is straight: it has no centre that could be beside an axis
-        rings = () if self.on_rails else ECCENTRICITIES
-        return self._of_arms((*(field.format(self.unit) for field in RIPPLES), *rings))
+    def units(self) -> tuple[Unit, ...]:
+        """Unit of each joint outside."""
+        return tuple("deg" if limb.moves == "crank" else "mm" for limb in self.limbs)
+
+    @cached_property
+    def turns(self) -> tuple[str, ...]:
+        """Names of the turns in a pose."""
+        turning = [place for place in self.free if place > 2]
+        return ("theta",) if turning == [5] else ("rx", "ry", "rz")[: len(turning)]
+
+    @cached_property
+    def parameters(self) -> Mapping[str, KindParameter]:
+        """Its parameters by flat name."""
+        return _parameters_of([limb.fields for limb in self.limbs])
+
+
+@dataclass(frozen=True)
+class StatedKind(Kind):
+    """Kind of mechanism by what its robot file states; its equations come from outside."""
+
+    name: str
+    joint_units: tuple[Unit, ...]
+    stated: tuple[str, ...]
+    """Flat names of its parameters."""
+    named_turns: tuple[str, ...]
+    """Names of the turns in a pose."""
+
+    unknowns = 6
+    lengths = ()
 
     @property
-    def rate(self) -> str:
-        """Flat name of the ripples' number in a turn, or of a carriage's way for one ripple."""
-        return "drive_period_mm" if self.on_rails else "ripples_per_turn"
+    def turns(self) -> tuple[str, ...]:
+        """Names of the turns in a pose."""
+        return self.named_turns
 
     @property
-    def optional(self) -> tuple[str, ...]:
-        """Flat names of all parameters that only some controllers have."""
-        return (*self.extensions, *self.transmission, self.rate)
+    def units(self) -> tuple[Unit, ...]:
+        """Unit of each joint outside."""
+        return self.joint_units
 
-    def _of_arms(self, fields: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(f"arm{arm}.{field}" for field in fields for arm in range(self.arms))
+    @cached_property
+    def parameters(self) -> Mapping[str, KindParameter]:
+        """Its parameters by flat name."""
+        return {name: _stated_parameter(name) for name in self.stated}
 
-    @property
-    def unit(self) -> str:
-        """Unit of the joints outside."""
-        return "mm" if self.on_rails else "deg"
 
-    @property
-    def scale(self) -> float:
-        """Inner units of a joint that compare with a crank's turn of 1 rad."""
-        return CRANK_MM if self.on_rails else 1.0
+def _parameters_of(arms: Sequence[tuple[Field, ...]]) -> dict[str, KindParameter]:
+    """Return the parameters of arms with these fields by flat name."""
+    of_arms = ((arm, field) for arm, fields in enumerate(arms) for field in fields)
+    return {f"arm{arm}.{field.key}": (arm, field) for arm, field in of_arms}
 
-    def inner(self, joint: float) -> float:
-        """Convert a joint from the unit outside to rad or mm."""
-        return joint if self.on_rails else math.radians(joint)
 
-    def outer(self, joint: float) -> float:
-        """Convert a joint from rad or mm to deg or mm."""
-        return joint if self.on_rails else math.degrees(joint)
-
-    def text(self, joint: float, form: str) -> str:
-        """Format a joint for people: `12.345°` or `12.345 mm`."""
-        return f"{self.outer(joint):{form}}{' mm' if self.on_rails else '°'}"
+def _stated_parameter(name: str) -> KindParameter:
+    """Return a parameter by its flat name: `arm1.length_mm`, `tool_x_mm`."""
+    holder, _, key = name.rpartition(".")
+    stem, _, unit = key.rpartition("_")
+    arm = int(holder.removeprefix("arm")) if holder else None
+    return arm, Field(stem, unit if unit in {"mm", "deg"} else "ppm")  # type: ignore[arg-type]
 
 
 # Shares: arms 0 and 1 of Par4 and both I4 hold the controlled point's part, arms 2 and 3 the other
 # part, which the turn moves. H4's controlled point is in the middle of its crossbar, so both ends
 # move by half the way. A Delta's rigid platform does not turn.
-PAR4 = Kind("par4", (0.0, 0.0, 1.0, 1.0), HINGE)
+PAR4 = PlateKind("par4", (0.0, 0.0, 1.0, 1.0), HINGE)
 ALL_KINDS = (
     PAR4,
-    Kind("h4", (-0.5, -0.5, 0.5, 0.5), HINGE),
-    Kind("i4r", (0.0, 0.0, 1.0, 1.0), SLIDE),
-    Kind("i4l", (0.0, 0.0, 1.0, 1.0), SLIDE, on_rails=True),
-    Kind("delta", (0.0, 0.0, 0.0)),
-    Kind("linear-delta", (0.0, 0.0, 0.0), on_rails=True),
+    PlateKind("h4", (-0.5, -0.5, 0.5, 0.5), HINGE),
+    PlateKind("i4r", (0.0, 0.0, 1.0, 1.0), SLIDE),
+    PlateKind("i4l", (0.0, 0.0, 1.0, 1.0), SLIDE, on_rails=True),
+    PlateKind("delta", (0.0, 0.0, 0.0)),
+    PlateKind("linear-delta", (0.0, 0.0, 0.0), on_rails=True),
 )
-KINDS: Mapping[str, Kind] = MappingProxyType({kind.name: kind for kind in ALL_KINDS})
+KINDS: Mapping[str, PlateKind] = MappingProxyType({kind.name: kind for kind in ALL_KINDS})
+"""Kinds of rods under a plate."""
+
+ON_PLATFORM = (Field("plate_x", "mm"), Field("plate_y", "mm"), Field("plate_z", "mm"))
+RAIL = (AZIMUTH, Field("elevation", "deg"))
+ALONG = Field("joint_offset", "mm")
+LEG = Limb("leg", (*PLACES, *ON_PLATFORM, ALONG))
+CARRIAGE = Limb("carriage", (*PLACES, *RAIL, *ON_PLATFORM, ALONG, FOREARM))
+IN_PLANE = (*PLACES[:2], Field("joint_offset", "deg"), Field("arm", "mm"), FOREARM)
+BAR_KINDS: Mapping[str, BarKind] = MappingProxyType(
+    {
+        kind.name: kind
+        for kind in (
+            BarKind("hexapod", (LEG,) * 6),
+            BarKind("hexaglide", (CARRIAGE,) * 6),
+            BarKind(
+                "five-bar", (Limb("crank", IN_PLANE), Limb("crank", IN_PLANE, -1.0)), free=(0, 1)
+            ),
+        )
+    }
+)
+"""Kinds of bars: a further one is a further row."""
+TWINS: Mapping[str, Kind] = MappingProxyType({**KINDS, **BAR_KINDS})
+"""Kinds that are simulated by parts of this package."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Geometry:
     """The contracted parameters (paper, eq. 1) as arrays, one row an arm, in the base frame."""
 
-    kind: Kind
+    kind: PlateKind
     motors_mm: Array
     """(n, 3): the contracted motor centres P_i, or the zeros of the rails."""
     azimuths_rad: Array
@@ -244,12 +427,12 @@ def problem_with(
         if not math.isfinite(flat[name]):
             return f"{name} is {flat[name]}, not a finite number"
         parameter = kind.parameters.get(name)
-        if parameter is not None and parameter[1].stem in LENGTHS and flat[name] <= 0.0:
+        if parameter is not None and parameter[1].stem in kind.lengths and flat[name] <= 0.0:
             return f"{name} is {flat[name]:g} mm, and a length is above 0"
     return ""
 
 
-def geometry_of(flat: Mapping[str, float], kind: Kind = PAR4) -> Geometry:
+def geometry_of(flat: Mapping[str, float], kind: PlateKind = PAR4) -> Geometry:
     """Convert flat parameters, mm and deg, for which `problem_with` is empty, to arrays."""
 
     def column(field: str) -> Array:

@@ -17,6 +17,11 @@ VENDOR = "pkmcal"
 MODELS = frozenset({"SIM-LT", "SIM-TS"})
 """Names of simulated trackers, whose wires have no word for a vendor; SIM-TS in old journals."""
 NO_REAL_ROBOT = "Simulated cell: no real robot was measured."
+OWN_EQUATIONS = (
+    "Its robot moved by the robot file's own equations: plan, files and σ are tested, "
+    "the equations are not."
+)
+"""Remark on a mechanism of one's own, of which the simulated cell has no parts."""
 DEVICES = ("controller", "tracker")
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from sim.errors import AssemblyLost
 from sim.geometry import HINGE, Array, Geometry, Kind
-from sim.robot.rods import COLD, SETTLED_MM, Growth, Plate, RodMechanism, Settled
+from sim.robot.rods import COLD, SETTLED_MM, Growth, Mechanism, Plate, RodMechanism, Settled
 
 
 class OutOfReach(Exception):
@@ -109,15 +109,15 @@ def assemble(
     return restore(rods, joints, guess, growth)
 
 
-def restore(rods: RodMechanism, joints: Array, guess: Plate, growth: Growth = COLD) -> Assembly:
+def restore(rods: Mechanism, joints: Array, guess: Plate, growth: Growth = COLD) -> Assembly:
     """Solve the assembly at joints near a plate's guess; raises `AssemblyLost`."""
     settled = rods.settle(joints, guess, growth)
     if not _is_whole(rods.kind, settled):
         raise _assembly_lost(rods.kind, joints, 0.0)
-    return Assembly(joints, settled.plate, _side(settled.jacobian))
+    return Assembly(joints, settled.plate, rods.side(settled.jacobian))
 
 
-def follow(rods: RodMechanism, start: Assembly, target: Array, growth: Growth = COLD) -> Assembly:
+def follow(rods: Mechanism, start: Assembly, target: Array, growth: Growth = COLD) -> Assembly:
     """Move the joints in a straight line to the target, in steps small enough to stay assembled.
 
     Raises `AssemblyLost` with the part of the line that could be followed.
@@ -125,7 +125,7 @@ def follow(rods: RodMechanism, start: Assembly, target: Array, growth: Growth = 
     # A step that fails is halved, since a long one may have jumped to another assembly; below
     # `SMALLEST_STEP_RAD` the way is closed. After a success the full step is tried again.
     change = target - start.joints
-    length_rad = float(np.abs(change).max()) / rods.kind.scale
+    length_rad = float((np.abs(change) / rods.kind.scales).max())
     if length_rad == 0.0:
         return restore(rods, target, start.plate, growth)
     assembly, part, step = start, 0.0, STEP_RAD / length_rad
@@ -145,7 +145,7 @@ def follow(rods: RodMechanism, start: Assembly, target: Array, growth: Growth = 
 
 
 def _step(
-    rods: RodMechanism, here: Assembly, joints: Array, growth: Growth, settled_mm: float
+    rods: Mechanism, here: Assembly, joints: Array, growth: Growth, settled_mm: float
 ) -> Assembly | None:
     """Return the assembly after one step of the joints; None when the step may have left it."""
     try:
@@ -153,7 +153,7 @@ def _step(
     except AssemblyLost:
         return None
     jump_mm = float(np.abs(settled.plate.position_mm - here.plate.position_mm).max())
-    is_same = _side(settled.jacobian) == here.side and jump_mm < JUMP_LIMIT_MM
+    is_same = rods.side(settled.jacobian) == here.side and jump_mm < JUMP_LIMIT_MM
     if not is_same or not _is_whole(rods.kind, settled):
         return None
     return Assembly(joints, settled.plate, here.side)
@@ -165,21 +165,10 @@ def _is_whole(kind: Kind, settled: Settled) -> bool:
     return bool(np.abs(settled.misfits_mm).max() < MISFIT_LIMIT_MM) and not turned_over
 
 
-def _side(jacobian: Array) -> float:
-    """Return the sign of the forearms' determinant by x, y, z, θ: it changes in singularities."""
-    # The sum of an arm's two rods is its forearm. Three or four forearms by three or four unknowns
-    # are a square matrix; the orientation, which the differences of rods hold, is left out.
-    rods, unknowns = jacobian.shape
-    by_pose = [0, 1, 2, *range(6, unknowns)]
-    forearms = jacobian.reshape(rods // 2, 2, unknowns).sum(axis=1)[:, by_pose]
-    return float(np.sign(np.linalg.det(forearms)))
-
-
 def _assembly_lost(kind: Kind, joints: Array, part: float) -> AssemblyLost:
     """Return the error of joints without assembly, after a part of the way to them."""
-    listed = ", ".join(kind.text(joint, ".2f") for joint in joints)
     return AssemblyLost(
-        f"no assembly of the robot at joints {listed} ({part:.0%} of the way)",
+        f"no assembly of the robot at joints {kind.listed(joints, '.2f')} ({part:.0%} of the way)",
         remedy="choose a target, and a way to it, inside the robot's workspace",
         part=part,
     )

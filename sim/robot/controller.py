@@ -23,9 +23,10 @@ import numpy as np
 from drivers.values import RobotState
 from sim.errors import AssemblyLost
 from sim.faults import Counted, Fault, FaultScript
-from sim.geometry import PAR4, Array, Kind, geometry_of, problem_with
+from sim.geometry import PAR4, Array, Kind, PlateKind, geometry_of, problem_with
 from sim.random_streams import WorkedTime, target_key
 from sim.robot.assembly import OutOfReach, joints_for
+from sim.robot.bars import EquationsOf, free_mechanism
 from sim.robot.driven_robot import DrivenRobot
 from sim.robot.section import ControllerSection
 from sim.robot.tilting_kinematics import KnownPlate, is_level, tilted_joints_for
@@ -82,10 +83,12 @@ class AxisMotion:
         return self.start + travelled * (self.target - self.start)
 
 
-def plan_motion(start: Array, target: Array, speed_per_s: float, now_s: float) -> AxisMotion:
-    """Plan a motion whose fastest joint just reaches a speed."""
-    longest = float(abs(target - start).max())
-    duration_s = max(PEAK_OF_SMOOTH * longest / speed_per_s, SHORTEST_S)
+def plan_motion(
+    start: Array, target: Array, speed_per_s: float | Array, now_s: float
+) -> AxisMotion:
+    """Plan a motion in which the joint that needs longest just reaches its speed."""
+    longest_s = float((PEAK_OF_SMOOTH * abs(target - start) / speed_per_s).max())
+    duration_s = max(longest_s, SHORTEST_S)
     return AxisMotion(start, target, now_s, duration_s, smooth)
 
 
@@ -134,6 +137,8 @@ class ControllerKinematics:
     ripple_rate: float | Array | None = None
     """Turn of each motor for 1 rad or mm of its joint, one for all or (n,), with which it computes
     errors of gears and encoders; None: it cannot."""
+    equations: EquationsOf | None = None
+    """Equations of a mechanism that has no parts here."""
 
     @property
     def extensions(self) -> tuple[str, ...]:
@@ -150,7 +155,10 @@ class ControllerKinematics:
         Raises `OutOfReach`.
         """
         kind = self.kind
-        if self.plate is None or is_level(flat, kind):
+        if not isinstance(kind, PlateKind):
+            mechanism = free_mechanism(kind, flat, self.equations)
+            joints = mechanism.joints_for(np.array([*position_mm, 0.0, 0.0, turn_rad]))
+        elif self.plate is None or is_level(flat, kind):
             joints = joints_for(geometry_of(flat, kind), position_mm, turn_rad)
         else:
             joints = tilted_joints_for(flat, kind, self.plate, position_mm, turn_rad)
@@ -160,7 +168,7 @@ class ControllerKinematics:
         stated = flat.get(kind.rate, 0.0)
         rate = self.ripple_rate
         if stated:
-            rate = math.tau / stated if kind.on_rails else stated
+            rate = stated if kind.rate == "ripples_per_turn" else math.tau / stated
         return readings_for(flat, kind, rate, joints, present)
 
 
@@ -272,13 +280,12 @@ class SimulatedController:
         if self._robot.passable_part(target) < 1.0:
             self._robot.standing = self._first
             if self._robot.passable_part(target) < 1.0:
-                listed = ", ".join(f"{self.kind.outer(joint):.2f}" for joint in target)
                 raise AssemblyLost(
-                    f"the simulated robot cannot be at joints {listed} {self.kind.unit}",
+                    f"the simulated robot cannot be at joints {self.kind.listed(target, '.2f')}",
                     remedy="keep the real controller's joints inside its workspace",
                 )
         self._robot.arrive(target, target_key(target.tolist()))
-        self._worked.seconds += float(np.abs(target - self._joints).max()) / self._speed_per_s
+        self._worked.seconds += float((np.abs(target - self._joints) / self._speed_per_s).max())
         self._joints = target
 
     @property
@@ -354,12 +361,11 @@ class SimulatedController:
         kind = self.kind
         if target.shape != (kind.arms,):
             raise Refusal("LIMIT", f"{target.size} joints were given, the robot has {kind.arms}")
-        lowest, highest = self._limits
-        for joint, value in enumerate(target):
+        for joint, (value, lowest, highest) in enumerate(zip(target, *self._limits, strict=True)):
             if not lowest - LIMIT_ROUNDING <= value <= highest + LIMIT_ROUNDING:
-                limits = f"{kind.text(lowest, 'g')} to {kind.text(highest, 'g')}"
+                limits = f"{kind.text(joint, lowest, 'g')} to {kind.text(joint, highest, 'g')}"
                 raise Refusal(
-                    "LIMIT", f"joint {joint} to {kind.text(value, '.4f')}, limits {limits}"
+                    "LIMIT", f"joint {joint} to {kind.text(joint, value, '.4f')}, limits {limits}"
                 )
 
     def _round_to_steps(self, joints: Array) -> Array:

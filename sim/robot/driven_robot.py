@@ -25,7 +25,7 @@ from sim.errors import AssemblyLost
 from sim.geometry import Array
 from sim.random_streams import Attempts, WorkedTime
 from sim.robot.assembly import Assembly, follow, restore
-from sim.robot.rods import Growth, RodMechanism
+from sim.robot.rods import Growth, Mechanism
 from sim.robot.section import Thermal
 from sim.robot.transmission import WEIGHTLESS, Load, Transmission
 
@@ -42,8 +42,8 @@ class Behaviour:
 
     backlash: Array
     """(n,): lost motion of each gear, from one side to the other, rad or mm."""
-    joint_noise: float
-    """Standard deviation of each joint, rad or mm, drawn at each arrival."""
+    joint_noise: float | Array
+    """Standard deviation of each joint, (n,) or one for all, rad or mm, drawn at each arrival."""
     position_noise_mm: float
     """Half-width of a uniform draw on each coordinate of the plate, at each arrival."""
     thermal: Thermal
@@ -84,7 +84,7 @@ class DrivenRobot:
 
     def __init__(
         self,
-        rods: RodMechanism,
+        rods: Mechanism,
         behaviour: Behaviour,
         mount: SeenReflector,
         standing: Standing,
@@ -113,7 +113,7 @@ class DrivenRobot:
             # and the scatter of an arrival could carry it beyond
             self._ahead = self.standing.assembly
             change = np.abs(encoders - self.standing.encoders)
-            length_rad = float(change.max()) / self._rods.kind.scale
+            length_rad = float((change / self._rods.kind.scales).max())
             return max(0.0, lost.part - SHORT_OF_THE_EDGE_RAD / length_rad)
         return 1.0
 
@@ -164,7 +164,7 @@ class DrivenRobot:
         # The torques are those of the rigid pose: yielding by arc minutes hardly changes them,
         # so one correction is enough.
         rigid, load = follow(self._rods, start, joints, self._growth()), self._behaviour.load
-        if math.isinf(load.stiffness):
+        if np.isinf(load.stiffness).all():
             return rigid
         yielded = joints + load.yielding(self._rods, joints, rigid.plate)
         return restore(self._rods, yielded, rigid.plate, self._growth())

@@ -19,12 +19,12 @@ The file begins with rotations by three angles about fixed axes, and their deriv
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
 from sim.errors import AssemblyLost
-from sim.geometry import UP, Array, Geometry, Kind
+from sim.geometry import UP, Array, Geometry, Kind, PlateKind
 
 
 def _about(axis: int, angle_rad: float) -> tuple[Array, Array]:
@@ -59,6 +59,10 @@ RADIAN_AS_MM = 100.0
 SETTLED_MM = 1e-9
 """A last step this small leaves an error of the size of rounding, since convergence is fast."""
 MOST_ITERATIONS = 25
+JOINT_STEP = 1e-6
+"""Step of a joint for the derivative of the elbows' places, rad or mm."""
+Z_INDEX = 2
+"""Index of z among a plate's unknowns."""
 
 
 class Growth(NamedTuple):
@@ -101,7 +105,7 @@ class Plate:
     """(6,) or (7,): x, y, z mm; rotations about x, y, z in rad, applied in that order; θ rad."""
 
     @classmethod
-    def level(cls, kind: Kind, position_mm: Array, theta_rad: float) -> Self:
+    def level(cls, kind: PlateKind, position_mm: Array, theta_rad: float) -> Self:
         """Return a platform that is not tilted."""
         # a platform without an inner joint has six unknowns: its θ is cut off
         return cls(np.array([*position_mm, 0.0, 0.0, 0.0, theta_rad])[: kind.unknowns])
@@ -132,11 +136,36 @@ class Settled(NamedTuple):
     """(2n, u): derivative of the misfits by the platform's unknowns."""
 
 
+class Mechanism(Protocol):
+    """A robot's parts and their closure. Holds no state: joints in, plate out."""
+
+    @property
+    def kind(self) -> Kind:
+        """Its joints and parameters."""
+
+    def plate_of(self, unknowns: Array) -> Plate:
+        """Return the platform with these unknowns, (u,)."""
+
+    def settle(
+        self, joints: Array, guess: Plate, growth: Growth = COLD, settled_mm: float = SETTLED_MM
+    ) -> Settled:
+        """Solve the platform near a guess; raises `AssemblyLost`."""
+
+    def side(self, jacobian: Array) -> float:
+        """Return a sign that changes in singularities, by a settled platform's derivative."""
+
+    def reflector_mm(self, plate: Plate, offset_mm: Array, half: int | None = None) -> Array:
+        """Return the place (3,) of a reflector at an offset from the controlled point."""
+
+    def heights_by_joints(self, joints: Array, plate: Plate) -> tuple[Array, Array]:
+        """Return the rise of each joint's own part, and of the platform, by the joint, (n,)."""
+
+
 class RodMechanism:
-    """The mechanism's parts and their closure. Holds no state: joints in, plate out."""
+    """Mechanism of arms that hold a plate by two rods each."""
 
     def __init__(self, truth: Geometry, build: Build) -> None:
-        self.kind = truth.kind
+        self.kind: PlateKind = truth.kind
         self._truth = truth
         self._outward = truth.outward
         outward, sideways = truth.outward, truth.sideways
@@ -156,6 +185,10 @@ class RodMechanism:
             bars = turned(bars, np.tile(UP, (self.kind.arms, 1)), turns)
         self._anchors_mm = _pairs(build.plate_joints_mm, half_bar_mm * bars)
         self._rods_mm = (truth.forearms_mm[:, None] + build.rod_errors_mm).ravel()
+
+    def plate_of(self, unknowns: Array) -> Plate:
+        """Return the plate with these unknowns, (u,)."""
+        return Plate(unknowns)
 
     def elbows_mm(self, joints: Array, growth: Growth = COLD) -> Array:
         """Return the rods' upper ends (2n, 3) in the base frame."""
@@ -227,11 +260,49 @@ class RodMechanism:
             unknowns = unknowns + step_mm
             if largest_mm < settled_mm:
                 return Settled(Plate(unknowns), misfits_mm, jacobian)
-        listed = ", ".join(self.kind.text(joint, ".3f") for joint in joints)
-        raise AssemblyLost(
-            f"the plate does not settle at joints {listed}",
-            remedy="stay away from the edge of the robot's reach",
-        )
+        raise unsettled(self.kind, joints)
+
+    def side(self, jacobian: Array) -> float:
+        """Return the sign of the forearms' determinant by x, y, z, θ: it changes in singularities.
+
+        `jacobian` is that of a settled plate.
+        """
+        # The sum of an arm's two rods is its forearm. Three or four forearms by three or four
+        # unknowns are a square matrix; the orientation, which the differences of rods hold, is left
+        # out.
+        rods, unknowns = jacobian.shape
+        by_pose = [0, 1, 2, *range(6, unknowns)]
+        forearms = jacobian.reshape(rods // 2, 2, unknowns).sum(axis=1)[:, by_pose]
+        return float(np.sign(np.linalg.det(forearms)))
+
+    def heights_by_joints(self, joints: Array, plate: Plate) -> tuple[Array, Array]:
+        """Return the rise of each joint's elbow, and of the plate, by the joint, (n,) each.
+
+        In mm per rad or mm. Times the weights there they are each joint's torque, by virtual work.
+        """
+        # 1. Misfits stay least while the elbows move: the plate's motion is the pseudo-inverse of
+        #    the misfits' derivative times what the elbows' motion takes from each rod's distance.
+        # 2. Of that motion only the row of z is needed.
+        elbows_mm = self.elbows_mm(joints)
+        _, by_plate = self.misfit(elbows_mm, plate.unknowns)
+        lift = np.linalg.pinv(by_plate)[Z_INDEX]
+        elbow, whole = np.empty(len(joints)), np.empty(len(joints))
+        for joint in range(len(joints)):
+            moved = joints.copy()
+            moved[joint] += JOINT_STEP
+            elbow_rates = (self.elbows_mm(moved) - elbows_mm) / JOINT_STEP
+            elbow[joint] = elbow_rates[2 * joint, Z_INDEX]
+            # the first three columns are the rods' unit vectors
+            whole[joint] = lift @ np.einsum("ri,ri->r", by_plate[:, :3], elbow_rates)
+        return elbow, whole
+
+
+def unsettled(kind: Kind, joints: Array) -> AssemblyLost:
+    """Return the error of joints at which no platform is found."""
+    return AssemblyLost(
+        f"the plate does not settle at joints {kind.listed(joints, '.3f')}",
+        remedy="stay away from the edge of the robot's reach",
+    )
 
 
 def turned(vectors: Array, axes: Array, angles_rad: Array) -> Array:

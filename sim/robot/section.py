@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema, model_validator
 from ruamel.yaml import YAML
 
-from sim.geometry import KINDS, PAR4, Array, Geometry, Kind, problem_with
+from sim.geometry import PAR4, TWINS, Array, Geometry, Kind, StatedKind, Unit, problem_with
 from sim.robot.rods import Growth
 from sim.section import NotNegative, Point, Positive, Section, nearest
 
@@ -76,7 +76,7 @@ def nominal_robot(name: str) -> tuple[str, Mapping[str, float]]:
         raise ValueError(f"nominal '{name}' is not known; {nearest(name, sorted(texts))}")
     tree = YAML(typ="safe", pure=True).load(texts[name])
     geometry = GeometrySection.model_validate_json(json.dumps(tree["geometry"]))
-    return tree["mechanism"], MappingProxyType(geometry.flat(KINDS[tree["mechanism"]]))
+    return tree["mechanism"], MappingProxyType(geometry.flat(TWINS[tree["mechanism"]]))
 
 
 class GeometrySection(Section):
@@ -86,13 +86,21 @@ class GeometrySection(Section):
     """Arms, each with the keys of a robot file."""
     plate_mm: Positive | None = None
     pinion_mm: Positive | None = None
+    platform: dict[str, float] = Field(default_factory=dict)
+    """Parameters of no arm, of a mechanism of one's own."""
 
-    def flat(self, kind: Kind) -> dict[str, float]:
-        """Return the values by flat name, mm and deg; raises `ValueError` if they are no robot."""
+    @property
+    def stated(self) -> dict[str, float]:
+        """Values by flat name, in the order of the file."""
         arms = enumerate(self.arms)
         flat = {f"arm{arm}.{field}": value for arm, row in arms for field, value in row.items()}
         whole = {"plate_mm": self.plate_mm, "pinion_mm": self.pinion_mm}
         flat |= {name: value for name, value in whole.items() if value is not None}
+        return flat | self.platform
+
+    def flat(self, kind: Kind) -> dict[str, float]:
+        """Return the values by flat name, mm and deg; raises `ValueError` if they are no robot."""
+        flat = self.stated
         if problem := problem_with(flat, kind):
             raise ValueError(problem)
         return {name: flat[name] for name in kind.names}
@@ -224,6 +232,10 @@ class RobotSection(Section):
     """Robot as designed, by the name of a shipped one; or `geometry`."""
     geometry: GeometrySection | None = None
     """Robot as designed, with the keys of a robot file."""
+    joints: tuple[Unit, ...] = ()
+    """Unit of each joint of a mechanism of one's own, deg or mm; others have their own."""
+    turns: tuple[str, ...] = ()
+    """Turns of the platform of a mechanism of one's own: none, theta, or rx, ry and rz."""
     errors: FlatDeltas = Field(default_factory=dict)
     """True minus nominal value, by parameter name (`arm1.forearm_mm`)."""
     tolerances: Tolerances = Tolerances()
@@ -250,8 +262,8 @@ class RobotSection(Section):
 
     @model_validator(mode="after")
     def _is_a_robot(self) -> Self:
-        if self.mechanism not in KINDS:
-            hint = nearest(self.mechanism, KINDS)
+        if self.mechanism not in TWINS and not self.joints:
+            hint = nearest(self.mechanism, TWINS)
             raise ValueError(f"mechanism '{self.mechanism}' is not known; {hint}")
         if (self.nominal is None) == (self.geometry is None):
             raise ValueError("give either nominal (a name) or geometry (arms and plate_mm)")
@@ -261,6 +273,11 @@ class RobotSection(Section):
                 raise ValueError(
                     f"nominal '{self.nominal}' is no {self.mechanism}; give mechanism: {mechanism}"
                 )
+        if self.geometry is not None and self.kind.arms != len(self.geometry.arms):
+            raise ValueError(
+                f"geometry has {len(self.geometry.arms)} arms, a {self.mechanism} has "
+                f"{self.kind.arms}"
+            )
         if problem := problem_with(self.true_flat(), self.kind):
             raise ValueError(f"with its errors, {problem}")
         return self
@@ -289,7 +306,7 @@ class RobotSection(Section):
             "weight.drive_n_per_um": self.weight.drive_n_per_um,
         }
         for key, size in sizes.items():
-            if size and key.endswith(OF_CARRIAGES) is not self.kind.on_rails:
+            if size and key.endswith(OF_CARRIAGES) not in self.kind.is_carriage:
                 raise ValueError(f"{key} is of other arms than a {self.mechanism} has")
         if self.reflector.half is not None and self.kind.turn is None:
             raise ValueError(f"reflector.half: the platform of a {self.mechanism} has no halves")
@@ -298,7 +315,10 @@ class RobotSection(Section):
     @property
     def kind(self) -> Kind:
         """Parts of which it is built."""
-        return KINDS[self.mechanism]
+        if self.mechanism in TWINS:
+            return TWINS[self.mechanism]
+        assert self.geometry is not None, "a shipped robot is of a known kind"
+        return StatedKind(self.mechanism, self.joints, tuple(self.geometry.stated), self.turns)
 
     def places_on_plate_mm(self, geometry: Geometry) -> Array:
         """Return where each arm's bar is on the platform, (n, 3), from the model's joint there.
@@ -331,6 +351,16 @@ class StartSection(Section):
     y_mm: float = 0.0
     z_mm: float = -575.0
     theta_deg: float = 0.0
+    rx_deg: float = 0.0
+    ry_deg: float = 0.0
+    rz_deg: float = 0.0
+    """Rotation vector of a platform with three turns."""
+
+    @property
+    def pose(self) -> Array:
+        """(6,): x, y, z in mm and the rotation vector in rad, of a platform that is one body."""
+        turns_rad = np.radians([self.rx_deg, self.ry_deg, self.rz_deg + self.theta_deg])
+        return np.array([self.x_mm, self.y_mm, self.z_mm, *turns_rad])
 
 
 class ControllerSection(Section):
@@ -348,6 +378,8 @@ class ControllerSection(Section):
     """Encoder resolution of cranks."""
     joint_limits_mm: tuple[float, float] = (-450.0, 450.0)
     """Joint limits of carriages."""
+    joint_limits: tuple[tuple[float, float], ...] | None = None
+    """Limits of each joint, deg or mm, where they differ."""
     joint_speed_mm_per_s: Positive = 1500.0
     """Largest speed of carriages."""
     encoder_step_mm: Positive = 1e-5
@@ -365,23 +397,28 @@ class ControllerSection(Section):
     """Whether it has what gears and encoders add to joints, with sides of approach."""
     start: StartSection = StartSection()
 
-    def limits(self, kind: Kind) -> tuple[float, float]:
-        """Return the least and largest value of every joint, rad or mm."""
-        lowest, highest = getattr(self, f"joint_limits_{kind.unit}")
-        return kind.inner(lowest), kind.inner(highest)
+    def limits(self, kind: Kind) -> tuple[Array, Array]:
+        """Return the least and largest value of every joint, (n,) each, rad or mm."""
+        low, high = np.array(
+            self.joint_limits or [getattr(self, f"joint_limits_{unit}") for unit in kind.units]
+        ).T
+        return kind.inner(low), kind.inner(high)
 
-    def speed_per_s(self, kind: Kind) -> float:
-        """Return the speed of a joint, rad/s or mm/s."""
-        return kind.inner(getattr(self, f"joint_speed_{kind.unit}_per_s"))
+    def speed_per_s(self, kind: Kind) -> Array:
+        """Return the speed of each joint, (n,), rad/s or mm/s."""
+        return kind.inner([getattr(self, f"joint_speed_{unit}_per_s") for unit in kind.units])
 
-    def encoder_step(self, kind: Kind) -> float:
-        """Return the resolution of an encoder, rad or mm."""
-        return kind.inner(getattr(self, f"encoder_step_{kind.unit}"))
+    def encoder_step(self, kind: Kind) -> Array:
+        """Return the resolution of each encoder, (n,), rad or mm."""
+        return kind.inner([getattr(self, f"encoder_step_{unit}") for unit in kind.units])
 
     @model_validator(mode="after")
     def _limits_are_in_order(self) -> Self:
-        for key in ("joint_limits_deg", "joint_limits_mm"):
-            lowest, highest = getattr(self, key)
+        of_each = {
+            f"joint_limits of joint {n}": pair for n, pair in enumerate(self.joint_limits or ())
+        }
+        of_all = {key: getattr(self, key) for key in ("joint_limits_deg", "joint_limits_mm")}
+        for key, (lowest, highest) in (of_all | of_each).items():
             if lowest >= highest:
                 raise ValueError(f"{key}: the lowest must be below the highest")
         return self

@@ -21,10 +21,9 @@ from typing import Self
 import numpy as np
 
 from sim.errors import AssemblyLost
-from sim.geometry import CRANK_MM, ON_PLATE, REFLECTOR, SAG, Array, Geometry, Kind, geometry_of
+from sim.geometry import CRANK_MM, ON_PLATE, REFLECTOR, SAG, Array, Geometry, PlateKind, geometry_of
 from sim.robot.assembly import OutOfReach, joints_for
 from sim.robot.rods import Build, Plate, RodMechanism, turned
-from sim.robot.transmission import heights_by_joints
 
 MOST_ROUNDS = 20
 CLOSE_MM = 1e-8
@@ -51,13 +50,17 @@ class KnownPlate:
         return replace(self, joints_mm=self.joints_mm + beyond_mm, reflector_mm=reflector_mm)
 
 
-def is_level(flat: Mapping[str, float], kind: Kind) -> bool:
+def is_level(flat: Mapping[str, float], kind: PlateKind) -> bool:
     """Whether no parameter tilts or lowers the plate, or tilts a rail."""
     return not any(flat.get(name, 0.0) for name in kind.extensions)
 
 
 def tilted_joints_for(
-    flat: Mapping[str, float], kind: Kind, sizes: KnownPlate, position_mm: Array, turn_rad: float
+    flat: Mapping[str, float],
+    kind: PlateKind,
+    sizes: KnownPlate,
+    position_mm: Array,
+    turn_rad: float,
 ) -> Array:
     """Find encoder values (n,), rad or mm, that put the reflector where a level plate has it.
 
@@ -75,7 +78,7 @@ def tilted_joints_for(
         try:
             plate = rods.settle(joints, plate).plate
             if compliance.any():
-                _, lifts = heights_by_joints(rods, joints, plate)
+                _, lifts = rods.heights_by_joints(joints, plate)
                 plate = rods.settle(joints - compliance * lifts, plate).plate
         except AssemblyLost as lost:
             raise OutOfReach(0) from lost  # no single arm is to blame: the first one is named
@@ -96,16 +99,16 @@ def _rise_mm(flat: Mapping[str, float], position_mm: Array) -> float:
     return float(sum(flat.get(name, 0.0) * by for name, by in parts))
 
 
-def _compliance(flat: Mapping[str, float], kind: Kind) -> Array:
+def _compliance(flat: Mapping[str, float], kind: PlateKind) -> Array:
     """Return the motion of joints (n,) for 1 mm of the plate's rise by 1 rad or mm of the joint."""
     # The parameter is the yielding of a drive whose joint lifts the plate by 300 mm a rad, or of a
     # carriage that lifts it by its own travel (docs/explanation/model.md, transmission).
     values = [flat.get(f"arm{arm}.compliance_{kind.unit}", 0.0) for arm in range(kind.arms)]
-    return np.array([kind.inner(value) for value in values]) * kind.scale / CRANK_MM
+    return kind.inner(values) * kind.scale / CRANK_MM
 
 
 def _build_mechanism(
-    flat: Mapping[str, float], kind: Kind, sizes: KnownPlate
+    flat: Mapping[str, float], kind: PlateKind, sizes: KnownPlate
 ) -> tuple[Geometry, RodMechanism]:
     """Build the contracted robot and its single rods from flat parameters."""
 

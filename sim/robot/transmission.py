@@ -5,7 +5,7 @@ Two sides that must not agree by construction are in this file:
 - the true robot. `Transmission.joints` computes the joints that really are at encoder readings:
   a ratio, an eccentric scale on the joint, and one on the motor that repeats with each of its
   turns. The misreading of a scale is the exact one of a circle that turns beside its centre.
-  `Load.yielding` adds what gears give way under weights, by virtual work on the single rods.
+  `Load.yielding` adds what gears give way under weights, by virtual work on the parts.
 - a controller that can compensate. `readings_for` inverts the model of the parameters that `load`
   gives it (docs/explanation/model.md): a sine and a cosine, first order in the eccentricity.
 
@@ -20,15 +20,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.geometry import Array, Kind
-from sim.robot.rods import Plate, RodMechanism
+from sim.robot.rods import Mechanism, Plate
 
-JOINT_STEP = 1e-6
-"""Step of a joint for the derivative of the elbows' places, rad or mm."""
-Z_INDEX = 2
-"""Index of z among a plate's unknowns."""
 READING_ROUNDS = 30
 LEAST_MOTION = 1e-9
-"""Motion below which a joint has stayed where it is, rad; of carriages times `Kind.scale`."""
+"""Motion below which a joint has stayed where it is, rad; of carriages times `Kind.scales`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,44 +72,22 @@ def _misread_rad(reading_rad: Array, eccentricity: Array) -> Array:
 class Load:
     """Weights that gears carry, and how stiff those are."""
 
-    at_elbow_n: float = 0.0
-    """Weight at the elbow of each arm, or of each carriage."""
+    at_elbow_n: float | Array = 0.0
+    """Weight at the elbow of each arm, or of each carriage, (n,) or one for all."""
     at_plate_n: float = 0.0
     """Weight at the plate."""
-    stiffness: float = math.inf
-    """Stiffness of each gear beyond its encoder, N mm/rad, or of a carriage's drive, N/mm."""
+    stiffness: float | Array = math.inf
+    """Stiffness of each gear beyond its encoder, N mm/rad, or of a carriage's drive, N/mm, (n,)."""
 
-    def yielding(self, rods: RodMechanism, joints: Array, plate: Plate) -> Array:
+    def yielding(self, rods: Mechanism, joints: Array, plate: Plate) -> Array:
         """Return the motion (n,) by which each joint gives way, rad or mm."""
         # A weight times its rise by a joint is that joint's torque; over the stiffness it is the
         # motion, against the rise. The encoder is on the motor's side and does not see it.
-        elbow, whole = heights_by_joints(rods, joints, plate)
+        elbow, whole = rods.heights_by_joints(joints, plate)
         return -(self.at_elbow_n * elbow + self.at_plate_n * whole) / self.stiffness
 
 
 WEIGHTLESS = Load()
-
-
-def heights_by_joints(rods: RodMechanism, joints: Array, plate: Plate) -> tuple[Array, Array]:
-    """Return the rise of each joint's elbow, and of the plate, by the joint, (n,) each.
-
-    In mm per rad or mm. Times the weights there they are each joint's torque, by virtual work.
-    """
-    # 1. Misfits stay least while the elbows move: the plate's motion is the pseudo-inverse of the
-    #    misfits' derivative times what the elbows' motion takes from each rod's distance.
-    # 2. Of that motion only the row of z is needed.
-    elbows_mm = rods.elbows_mm(joints)
-    _, by_plate = rods.misfit(elbows_mm, plate.unknowns)
-    lift = np.linalg.pinv(by_plate)[Z_INDEX]
-    elbow, whole = np.empty(len(joints)), np.empty(len(joints))
-    for joint in range(len(joints)):
-        moved = joints.copy()
-        moved[joint] += JOINT_STEP
-        elbow_rates = (rods.elbows_mm(moved) - elbows_mm) / JOINT_STEP
-        elbow[joint] = elbow_rates[2 * joint, Z_INDEX]
-        # the first three columns are the rods' unit vectors
-        whole[joint] = lift @ np.einsum("ri,ri->r", by_plate[:, :3], elbow_rates)
-    return elbow, whole
 
 
 def readings_for(
@@ -135,9 +109,8 @@ def readings_for(
     #    right for its own side, and the nearer one is taken.
 
     def column(stem: str) -> Array:
-        key = f"{stem}_{kind.unit}"
-        values = [flat.get(f"arm{arm}.{key}", 0.0) for arm in range(kind.arms)]
-        return np.array([kind.inner(value) for value in values])
+        units = enumerate(kind.units)
+        return kind.inner([flat.get(f"arm{arm}.{stem}_{unit}", 0.0) for arm, unit in units])
 
     gain = 1e-6 * np.array([flat.get(f"arm{n}.encoder_gain_ppm", 0.0) for n in range(kind.arms)])
     a, b = column("eccentricity_sin"), column("eccentricity_cos")
@@ -152,7 +125,7 @@ def readings_for(
         return q
 
     falling, rising = reading(-1.0), reading(1.0)
-    tolerance = LEAST_MOTION * kind.scale
+    tolerance = LEAST_MOTION * kind.scales
     goes_up = np.where(
         (present > falling - tolerance) & (present < rising + tolerance),
         present > 0.5 * (falling + rising),

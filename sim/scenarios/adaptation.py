@@ -7,17 +7,30 @@ The cell file is edited as text, so that its comments stay and the user can read
    tolerance of its rms size, drawn by the seed; entries of each arm are dropped, and backlash gets
    its mean at every new arm;
 3. sizes of cranks become sizes of carriages by the way of a typical crank's end, at 300 mm;
-4. the result is parsed, so that a scenario that does not fit is refused here.
+4. a mechanism that has no parts here states its joints and turns, for its equations come from
+   outside (sim/robot/bars.py);
+5. the result is parsed, so that a scenario that does not fit is refused here.
 """
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
-from sim.errors import ScenarioInvalid
-from sim.geometry import CRANK_MM, KINDS, PLACES, Field, Kind, geometry_of
+from sim.geometry import (
+    CRANK_MM,
+    PLACES,
+    TWINS,
+    Field,
+    Kind,
+    PlateKind,
+    StatedKind,
+    Unit,
+    geometry_of,
+)
 from sim.robot.section import ENTRIES_OF_AN_ARM, RATES
 from sim.scenarios.scenario import edited, parse_scenario
 from sim.section import Point
@@ -30,52 +43,88 @@ SAME_WITHIN = {"mm": 20.0, "deg": 5.0}
 """Differences below which two sets are one robot, before and after a calibration."""
 
 
-def adapted(
-    text: str,
-    mechanism: str,
-    geometry: Mapping[str, float],
-    joint_limits: tuple[float, float],
-    centre_mm: Point,
-) -> str:
-    """Adapt a cell file to a robot, unless it already is of that robot; raises `ScenarioInvalid`.
+@dataclass(frozen=True)
+class WantedRobot:
+    """Robot for which a cell is wanted, in the units of files."""
 
-    `geometry` is by flat name, mm and deg; `joint_limits` are in the unit of the joints.
-    """
-    if mechanism not in KINDS:
-        raise ScenarioInvalid(
-            f"no simulated cell has a robot of the kind {mechanism}",
-            remedy="give --controller and --tracker, or --offline",
-        )
-    kind, present = KINDS[mechanism], parse_scenario(text, "the scenario").robot
-    if kind is present.kind and _is_same(kind, present.nominal_flat(), geometry):
+    mechanism: str
+    geometry: Mapping[str, float]
+    """Parameters by flat name, mm and deg."""
+    units: tuple[Unit, ...]
+    """Unit of each joint."""
+    joint_limits: tuple[tuple[float, float], ...]
+    """Lowest and highest value of each joint."""
+    centre_mm: Point
+    """Place in the middle of its workspace."""
+    turns_deg: Mapping[str, float]
+    """Turns of its platform in the middle of its workspace, by their names."""
+    reflector_mm: Point
+    """Reflector from the controlled point, of a platform that is one body."""
+
+    @cached_property
+    def kind(self) -> Kind:
+        """Kind of its mechanism."""
+        stated = StatedKind(self.mechanism, self.units, (*self.geometry,), (*self.turns_deg,))
+        return TWINS.get(self.mechanism, stated)
+
+
+def adapted(text: str, robot: WantedRobot) -> str:
+    """Adapt a cell file to a robot, unless it is of that robot; raises `ScenarioInvalid`."""
+    present, kind = parse_scenario(text, "the scenario").robot, robot.kind
+    if kind == present.kind and _is_same(kind, present.nominal_flat(), robot.geometry):
         return text
 
     def fit(tree: CommentedMap) -> None:
-        robot, controller = tree["robot"], tree.setdefault("controller", CommentedMap())
-        robot.pop("nominal", None)
-        if kind is not present.kind:
-            _spread_errors(robot, present.kind)
-            _fit_arms(robot, kind)
-            if kind.on_rails:
-                _fit_drives(robot)
-            robot.insert(0, "mechanism", mechanism)
-        robot.insert(1, "geometry", _geometry(kind, geometry))
-        robot["workspace_centre_mm"] = _row(*centre_mm)
-        # the part at the point turns with its reflector: only on its axis does it stay in place
-        if kind.turns_point:
-            robot.setdefault("reflector", {})["offset_mm"] = _row(0.0, 0.0, -45.0)
-            robot.yaml_add_eol_comment("the part at the point turns: on its axis", "reflector")
+        section, controller = tree["robot"], tree.setdefault("controller", CommentedMap())
+        section.pop("nominal", None)
+        if kind != present.kind:
+            _spread_errors(section, present.kind)
+            _fit_arms(section, kind)
+            if kind.is_carriage.any():
+                _fit_drives(section, kind)
+            section.insert(0, "mechanism", robot.mechanism)
+        section.insert(1, "geometry", _geometry(kind, robot.geometry))
+        if isinstance(kind, StatedKind):
+            section.insert(1, "joints", _row(*kind.units))
+            section.insert(2, "turns", _row(*kind.turns))
+        section["workspace_centre_mm"] = _row(*robot.centre_mm)
+        _fit_reflector(section, robot)
         controller.pop("geometry_errors", None)
-        controller[f"joint_limits_{kind.unit}"] = _row(*joint_limits)
-        controller["start"] = CommentedMap(zip(("x_mm", "y_mm", "z_mm"), centre_mm, strict=True))
-        controller["start"].fa.set_flow_style()
+        _fit_controller(controller, robot)
         # a platform that does not turn has no rotation test, and so no limit for it
-        if kind.turn is None:
+        if not kind.turns:
             tree.get("acceptance", {}).pop("rotation_mm", None)
 
     adapted_text = edited(text, fit)
-    parse_scenario(adapted_text, f"the scenario for {mechanism}")
+    parse_scenario(adapted_text, f"the scenario for {robot.mechanism}")
     return adapted_text
+
+
+def _fit_reflector(section: CommentedMap, robot: WantedRobot) -> None:
+    """Put the reflector where the robot file has it, or where a part that turns leaves it."""
+    kind, mount = robot.kind, section.setdefault("reflector", CommentedMap())
+    if not isinstance(kind, PlateKind):
+        mount["offset_mm"] = _row(*robot.reflector_mm)
+    elif kind.turns_point:
+        # the part at the point turns with its reflector: only on its axis does it stay in place
+        mount["offset_mm"] = _row(0.0, 0.0, -45.0)
+        section.yaml_add_eol_comment("the part at the point turns: on its axis", "reflector")
+    if not mount:
+        section.pop("reflector")
+
+
+def _fit_controller(controller: CommentedMap, robot: WantedRobot) -> None:
+    """Let the controller keep the robot's limits, and start in the middle of its workspace."""
+    units, limits = {*robot.units}, {*robot.joint_limits}
+    controller.pop("joint_limits", None)
+    if len(units) == len(limits) == 1:
+        controller[f"joint_limits_{robot.units[0]}"] = _row(*robot.joint_limits[0])
+    else:
+        controller["joint_limits"] = _row(*(_row(*pair) for pair in robot.joint_limits))
+    start = dict(zip(("x_mm", "y_mm", "z_mm"), robot.centre_mm, strict=True))
+    turned = {f"{name}_deg": turn for name, turn in robot.turns_deg.items() if turn}
+    controller["start"] = CommentedMap(start | turned)
+    controller["start"].fa.set_flow_style()
 
 
 def with_drawing(text: str, joints_mm: Sequence[Point], reflector_mm: Point) -> str:
@@ -89,6 +138,7 @@ def with_drawing(text: str, joints_mm: Sequence[Point], reflector_mm: Point) -> 
     robot, present = scenario.robot, scenario.controller
     drawn_mm = present.plate_joints_mm and np.array(present.plate_joints_mm)
     if drawn_mm is None:
+        assert isinstance(robot.kind, PlateKind), "others have no such places"
         geometry = geometry_of(robot.nominal_flat(), robot.kind)
         drawn_mm = robot.places_on_plate_mm(geometry)
     has_joints = np.abs(np.array(joints_mm) - drawn_mm).max() <= SAME_ON_PLATE_MM
@@ -115,16 +165,21 @@ def computing_all(text: str) -> str:
 
 
 def _is_same(kind: Kind, flat: Mapping[str, float], other: Mapping[str, float]) -> bool:
-    within = {name: SAME_WITHIN[field.unit] for name, (_, field) in kind.parameters.items()}
+    within = {
+        name: SAME_WITHIN.get(field.unit, 0.0) for name, (_, field) in kind.parameters.items()
+    }
     return all(abs(flat[name] - other[name]) <= within[name] for name in flat)
 
 
 def _geometry(kind: Kind, flat: Mapping[str, float]) -> CommentedMap:
     arms = [CommentedMap() for _ in range(kind.arms)]
     whole = CommentedMap(arms=arms)
-    for name, (arm, field) in kind.parameters.items():
-        holder = whole if arm is None else arms[arm]
-        holder[field.key] = flat[name]
+    of_platform = whole
+    if isinstance(kind, StatedKind):
+        of_platform = whole["platform"] = CommentedMap()
+    for name, (arm, _) in kind.parameters.items():
+        holder = of_platform if arm is None else arms[arm]
+        holder[name.rpartition(".")[2]] = flat[name]
     for row in arms:
         row.fa.set_flow_style()
     return whole
@@ -164,28 +219,38 @@ def _fit_arms(section: CommentedMap, kind: Kind) -> None:
     entries = {key: section.pop(key, None) for key in ENTRIES_OF_AN_ARM}
     if backlash := entries["backlash_arcmin"]:
         mean = sum(backlash) / len(backlash)
-        size = round(mean * MM_PER_ARCMIN, 6) if kind.on_rails else mean
-        section["backlash_mm" if kind.on_rails else "backlash_arcmin"] = _row(*[size] * kind.arms)
+        sizes = {"backlash_arcmin": mean, "backlash_mm": round(mean * MM_PER_ARCMIN, 6)}
+        for (key, size), here in zip(
+            sizes.items(), (~kind.is_carriage, kind.is_carriage), strict=True
+        ):
+            if here.any():
+                section[key] = _row(*(size if moves else 0.0 for moves in here))
     gears = section.get("transmission", {})
     for key in RATES:
         if isinstance(rates := gears.get(key), list):
             gears[key] = sum(rates) / len(rates)
 
 
-def _fit_drives(section: CommentedMap) -> None:
-    """Replace motors and gears by screws and drives of carriages; rings of encoders go."""
+def _fit_drives(section: CommentedMap, kind: Kind) -> None:
+    """Give screws and drives of carriages the size of motors and gears.
+
+    These and rings of encoders go where there are no cranks.
+    """
     # A stiffness in N m per arc minute becomes the force at a lever of 300 mm over the way of one
     # arc minute there, N/µm; the other sizes become that way.
-    gears = section.get("transmission", {})
-    for key in ("eccentricity_um", "ring_mm"):
-        gears.pop(key, None)
+    gears = section.get("transmission", CommentedMap())
+    has_cranks = not kind.is_carriage.all()
+    taken = CommentedMap.get if has_cranks else CommentedMap.pop
+    if not has_cranks:
+        for key in ("eccentricity_um", "ring_mm"):
+            gears.pop(key, None)
     for name, key, key_of_drives, factor in (
         ("repeatability", "joint_arcsec", "joint_mm", MM_PER_ARCSEC),
         ("transmission", "ripple_arcsec", "ripple_mm", MM_PER_ARCSEC),
         ("weight", "gear_nm_per_arcmin", "drive_n_per_um", 1.0 / MM_PER_ARCMIN / CRANK_MM),
     ):
-        part = section.get(name, {})
-        if size := part.pop(key, None):
+        part = section.get(name, CommentedMap())
+        if size := taken(part, key, None):
             part[key_of_drives] = round(size * factor, 6)
-    if turns := gears.pop("ripples_per_turn", None):
+    if turns := taken(gears, "ripples_per_turn", None):
         gears["pitch_mm"] = round(2.0 * math.pi * CRANK_MM / turns, 6)

@@ -20,10 +20,9 @@ from sim.servers.conversation import ServedSession
 
 def layout_of(kind: Kind, extensions: tuple[str, ...] = ()) -> wire.RobotLayout:
     """Return the joints, coordinates and parameters of a mechanism, as the wire has them."""
-    joints = [Coordinate(f"q{arm}", not kind.on_rails) for arm in range(kind.arms)]
+    joints = [Coordinate(f"q{arm}", unit == "deg") for arm, unit in enumerate(kind.units)]
     task = [Coordinate(name, is_angle=False) for name in "xyz"]
-    if kind.turn is not None:
-        task.append(Coordinate("theta", is_angle=True))
+    task += [Coordinate(name, is_angle=True) for name in kind.turns]
     parameters = [(name, arm, field.stem) for name, (arm, field) in kind.parameters.items()]
     return wire.RobotLayout.of(joints, task, parameters, extensions)
 
@@ -101,16 +100,18 @@ class RobotlineSession(ServedSession):
 
     def _status(self, now_s: float) -> wire.ControllerStatus:
         state = self._controller.state(now_s)
-        joints = tuple(map(self._controller.kind.outer, state.joints))
+        joints = tuple(self._controller.kind.outer(state.joints).tolist())
         return wire.ControllerStatus(state.moving, state.emergency_stop, state.fault, joints)
 
     def _move(self, command: wire.MoveJoints | wire.MovePose, now_s: float) -> wire.MotionBegun:
         speed = command.speed_percent / wire.FASTEST_PERCENT
         if isinstance(command, wire.MoveJoints):
-            target = tuple(map(self._controller.kind.inner, command.joints))
+            target = self._controller.kind.inner(command.joints).tolist()
             expected_s = self._controller.move_joints(target, speed, now_s)
         else:
             x_mm, y_mm, z_mm, *turn_deg = command.coordinates
+            if len(turn_deg) > 1:
+                raise Refusal("REACH", "a pose with three turns is reached by joints")
             theta_rad = radians(sum(turn_deg))
             expected_s = self._controller.move_pose(x_mm, y_mm, z_mm, theta_rad, speed, now_s)
         self._has_moved = True

@@ -8,7 +8,7 @@ from family_cases import ALL_MEMBERS
 
 from sim.geometry import KINDS, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism
-from sim.robot.transmission import Load, Transmission, heights_by_joints
+from sim.robot.transmission import Load, Transmission
 
 ANGLES = np.linspace(-np.pi, np.pi, 721)[:, None] * np.ones(3)
 
@@ -58,7 +58,7 @@ def test_torques_of_the_weight_are_the_plates_rise(member):
         - rods.settle(joints - step * one, plate)[0].position_mm[2]
         for one in np.eye(arms)
     ]
-    elbow, rise = heights_by_joints(rods, joints, plate)
+    elbow, rise = rods.heights_by_joints(joints, plate)
     assert rise == pytest.approx(np.array(heights) / (2.0 * step), rel=1e-4, abs=1e-6)
     angles = joints + geometry.joint_offsets
     own = geometry.rails[:, 2] if kind.on_rails else -geometry.arms_mm * np.cos(angles)
