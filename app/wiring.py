@@ -14,7 +14,7 @@
 
 import json
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -40,7 +40,7 @@ from drivers.polling import WakefulClock
 from drivers.ports import Clock, LaserTracker, Prompt, RobotController, SystemClock
 from drivers.stopping import Alarm, unheard
 from drivers.transport import CONNECT_S, Opener, Transport, opener_of
-from drivers.values import Coordinate, Identity, RobotState
+from drivers.values import Coordinate, Identity, Pose, RobotState
 from drivers.watch_file import WatchSettings
 from drivers.wire.lines import LAST_NUMBER
 from drivers.wire.robotline import RobotLayout
@@ -154,6 +154,7 @@ class DeviceConnections:
     def robot(self) -> Iterator[RobotController]:
         """Connect the controller for the time of the block."""
         driver = CONTROLLERS[self.campaign.config.controller.driver]
+        layout = _layout(self.campaign)
         robot = driver.make(
             RobotSurroundings(
                 open_transport=self.controller.open_transport,
@@ -162,7 +163,7 @@ class DeviceConnections:
                 first_number=self.controller.first_number,
                 settings=_hand_settings(self.campaign),
                 prompt=self.prompt,
-                layout=_layout(self.campaign),
+                layout=layout,
                 alarm=self.alarm,
             )
         )
@@ -174,6 +175,8 @@ class DeviceConnections:
                 robot.connect()
                 name_by(identity := robot.identity())
                 _check_serial("controller", identity, serial)
+                if not layout.has_movep and driver is not CONTROLLERS[BY_HAND]:
+                    robot = cast("RobotController", _MovedByJoints(robot, self.campaign))
                 if self.followed is not None:
                     robot = cast("RobotController", _FollowedRobot(robot, self.followed))
                 yield robot
@@ -295,6 +298,37 @@ def require_same_mechanism(campaign: Campaign, scenario: Scenario) -> None:
             f"campaign's robot is a {campaign.robot.mechanism.name}",
             remedy="make a new campaign with `pkmcal new DIR --robot FILE`, whose cell is of it",
         )
+
+
+class _MovedByJoints:
+    """Robot whose poses no message states: it is moved to their joints.
+
+    These follow from the parameters that its controller holds, and from the side from which the
+    joints come, as a controller would compute them.
+    """
+
+    def __init__(self, robot: RobotController, campaign: Campaign) -> None:
+        self._robot, self._mechanism = robot, campaign.robot.mechanism
+        self._held: Mapping[str, float] | None = None
+        """Parameters that the controller holds; None until they are read."""
+
+    def move_pose(self, pose: Pose, speed_fraction: float) -> None:
+        if self._held is None:
+            self._held = self._robot.read_geometry()
+        present = self._robot.state().joints
+        joints = joints_of_pose(self._mechanism, self._held, pose, present)
+        self._robot.move_joints(joints, speed_fraction)
+
+    def write_geometry(self, geometry: Mapping[str, float]) -> None:
+        self._held = None
+        self._robot.write_geometry(geometry)
+
+    def reconnect(self) -> None:
+        self._held = None  # the controller may come back with other parameters
+        self._robot.reconnect()
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._robot, name)
 
 
 class _FollowedRobot:

@@ -5,9 +5,11 @@
 # from the controller: a wrongly typed value is not noticed here. The driver notices it: it compares
 # the joints on the display with those that `joints_of_pose` computes by the kept parameters.
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from campaigns.errors import ConfigInvalid
 from campaigns.files.text_file import replace_text
@@ -56,16 +58,22 @@ class HeldParameters:
 
 
 def joints_of_pose(
-    mechanism: Mechanism, parameters: Mapping[str, float], pose: Pose
+    mechanism: Mechanism,
+    parameters: Mapping[str, float],
+    pose: Pose,
+    present: Sequence[float] | None = None,
 ) -> tuple[float, ...]:
     """Return the joints of a pose as encoders read them, rad or mm.
 
-    `parameters` are by name, in mm and deg. Raise `LimitViolation` if the mechanism cannot be
-    assembled at the pose.
+    `parameters` are by name, in mm and deg, `present` the joints from which the robot goes there.
+    Raise `LimitViolation` if the mechanism cannot be assembled at the pose.
     """
-    row = pose_row(pose)
+    row, model = pose_row(pose), Kinematics.of(mechanism, parameters)
     # no direction of approach is known at a typed pose: assume the middle of the backlash
-    solution = Kinematics.of(mechanism, parameters).inverse(row[None])
+    solution = model.inverse(row[None])
+    if present is not None:
+        approach = np.sign(solution.values - np.array(present))
+        solution = model.inverse(row[None], np.nan_to_num(approach))
     if not solution.is_solved.all():
         texts = (
             axis.text(value, ".3f")

@@ -13,7 +13,7 @@ from typing_extensions import override
 from drivers.values import Coordinate
 from drivers.wire import robotline as wire
 from drivers.wire.lines import Answer, BadQuestion, Hello, Nothing, Question, Refused
-from sim.geometry import Kind
+from sim.geometry import BarKind, Kind
 from sim.robot.controller import Refusal, SimulatedController
 from sim.servers.conversation import ServedSession
 
@@ -21,7 +21,9 @@ from sim.servers.conversation import ServedSession
 def layout_of(kind: Kind, extensions: tuple[str, ...] = ()) -> wire.RobotLayout:
     """Return the joints, coordinates and parameters of a mechanism, as the wire has them."""
     joints = [Coordinate(f"q{arm}", unit == "deg") for arm, unit in enumerate(kind.units)]
-    task = [Coordinate(name, is_angle=False) for name in "xyz"]
+    is_in_plane = isinstance(kind, BarKind) and 2 not in kind.free
+    task = [Coordinate("x", is_angle=False), Coordinate("y", is_angle=False)]
+    task.append(Coordinate("z", is_angle=False, is_fixed=is_in_plane))
     task += [Coordinate(name, is_angle=True) for name in kind.turns]
     parameters = [(name, arm, field.stem) for name, (arm, field) in kind.parameters.items()]
     return wire.RobotLayout.of(joints, task, parameters, extensions)
