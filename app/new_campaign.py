@@ -35,6 +35,11 @@ from sim.scenarios.scenario import edited, parse_scenario, scenario_text, shippe
 
 DEFAULT_ROBOT = "par4-prototype"
 DEFAULT_SCENARIO = "paper-prototype"
+OTHERS_SCENARIO = "realistic"
+"""Scenario of robots without parallelograms, which the errors of the paper's are no typical ones of.
+
+They turn a crank by 4° from where it should be, beyond the margin from a five-bar's singularities.
+"""
 COMPLETED_ROBOT, COMPLETED_SCENARIO = completer(shipped_robots), completer(shipped_scenarios)
 DEFAULT_REFLECTOR = "CCR-1.5in"
 SIMULATED_SPEED_PERCENT = 50.0
@@ -52,8 +57,8 @@ LIMIT_DIGITS = 4
 class CellChoice:
     """Simulated cell of a new campaign."""
 
-    scenario: str = DEFAULT_SCENARIO
-    """Name of a shipped scenario, or path of a cell file."""
+    scenario: str | None = None
+    """Name of a shipped scenario, or path of a cell file; None: the usual one of such a robot."""
     seed: int | None = None
     """Seed of the cell; None: the scenario's."""
     with_limits: bool = False
@@ -91,7 +96,7 @@ class NewOptions:
         Option(
             "The simulated cell: a shipped scenario, or a cell file.",
             metavar="NAME",
-            default=f"{DEFAULT_SCENARIO}; none for real devices",
+            default=f"{DEFAULT_SCENARIO}, or {OTHERS_SCENARIO}; none for real devices",
             words=shipped_scenarios,
         ),
     ] = None
@@ -200,7 +205,7 @@ def create_campaign(
     if controller is not None and tracker is not None and simulated is None:
         return create_for_devices(folder, nominal, controller, tracker, drivers, limits)
     named = (urls[simulated] or "").removeprefix(SIMULATED) if simulated else "cell"
-    scenario = options.scenario or (DEFAULT_SCENARIO if named == "cell" else named)
+    scenario = options.scenario or (None if named == "cell" else named)
     real = {device: None if device == simulated else url for device, url in urls.items()}
     cell = CellChoice(scenario=scenario, with_limits=True)
     return create_on_cell(folder, nominal, cell, real, drivers)
@@ -234,17 +239,14 @@ def create_for_devices(
 
 
 def create_simulated(
-    folder: Path,
-    robot: str = DEFAULT_ROBOT,
-    scenario: str = DEFAULT_SCENARIO,
-    seed: int | None = None,
+    folder: Path, robot: str = DEFAULT_ROBOT, scenario: str | None = None, seed: int | None = None
 ) -> CampaignConfig:
     """Create a campaign on a simulated cell, whose scenario is kept in the folder as cell.yaml.
 
     Args:
         folder: The folder; it is made if it is not there.
         robot: Name of a shipped robot, or the path of a robot file.
-        scenario: Name of a shipped scenario, or the path of a cell file.
+        scenario: Name of a shipped scenario, or the path of a cell file; None: the usual one.
         seed: Seed of the cell's random errors; None: the scenario's.
 
     Returns:
@@ -276,7 +278,8 @@ def create_on_cell(
     """
     # 1. the cell: the scenario, made one of the robot's mechanism and size
     nominal = find_robot(robot) if isinstance(robot, str) else robot
-    scenario = choice.scenario
+    usual = DEFAULT_SCENARIO if nominal.robot.mechanism.name in FAMILY else OTHERS_SCENARIO
+    scenario = choice.scenario or usual
     text = cell_text(nominal.robot, scenario, choice.seed)
     if choice.for_dry_run:
         text = computing_all(text)
@@ -328,7 +331,9 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
         mechanism=mechanism.name,
         geometry={name: robot.parameters[name] for name in mechanism.parameters.names},
         units=tuple("deg" if axis.is_revolute else "mm" for axis in mechanism.joints),
-        joint_limits=tuple((axis.to_file(low), axis.to_file(high)) for axis, (low, high) in limits),
+        joint_limits=tuple(
+            (round(axis.to_file(low), 9), round(axis.to_file(high), 9)) for axis, (low, high) in limits
+        ),
         centre_mm=vector(centre[:3]),
         turns_deg={axis.name: axis.to_file(turn) for axis, turn in turns},
         reflector_mm=mechanism.reflector_mm

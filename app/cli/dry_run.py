@@ -13,6 +13,7 @@ from app.new_campaign import (
     COMPLETED_SCENARIO,
     DEFAULT_ROBOT,
     DEFAULT_SCENARIO,
+    OTHERS_SCENARIO,
     CellChoice,
     create_on_cell,
 )
@@ -36,7 +37,7 @@ Scenario = Annotated[
     typer.Option(
         metavar="NAME",
         help="A shipped scenario or a cell file.",
-        show_default="paper-prototype",
+        show_default=f"{DEFAULT_SCENARIO}, or {OTHERS_SCENARIO}",
         autocompletion=COMPLETED_SCENARIO,
     ),
 ]
@@ -98,9 +99,7 @@ def prepare_campaign(
     one that another robot, scenario or seed is asked of.
     """
     if not is_there(folder / "campaign.yaml"):
-        cell = CellChoice(
-            scenario=scenario or DEFAULT_SCENARIO, seed=seed, with_limits=True, for_dry_run=True
-        )
+        cell = CellChoice(scenario=scenario, seed=seed, with_limits=True, for_dry_run=True)
         create_on_cell(folder, robot or DEFAULT_ROBOT, cell)
         return open_campaign(folder)
     remedy = "name a new folder"

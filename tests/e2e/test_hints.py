@@ -5,6 +5,7 @@ import shlex
 import shutil
 
 import pytest
+from bar_robots import robot_file
 from command_line import SMALL_TESTS, change
 
 from campaigns.campaign import open_campaign
@@ -140,6 +141,16 @@ def test_who_follows_the_hints_arrives(pkmcal, tmp_path, record_property):
     assert "arm1.forearm_mm" in page
     for of_another in ("θ", "theta", "Par4", "par4", "arm3", "plate_mm"):
         assert of_another not in page, of_another
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mechanism", ["hexapod", "five-bar"])
+def test_who_follows_the_hints_arrives_with_a_platform_that_is_one_body(
+    pkmcal, mechanism, tmp_path, record_property
+):
+    """Load and tests included; the cell simulates the robot by bars and points, not by closures."""
+    robot = robot_file(tmp_path, mechanism)
+    arrives(pkmcal, robot, "drawn-robots", "full", tmp_path, record_property, QUICK)
 
 
 @pytest.mark.long

@@ -1,5 +1,7 @@
 """Robots of bars: parameters by name of a hexapod, a hexaglide and a five-bar, and their poses."""
 
+import json
+
 import numpy as np
 
 CORNERS_DEG = (
@@ -64,3 +66,48 @@ def poses_of(name, count, seed):
     if name == "five-bar":
         poses[:, 2:] = 0.0
     return poses
+
+
+LIMITS = {
+    "hexapod": {
+        "joint_mm": [0.0, 300.0],
+        "x_mm": [-150.0, 150.0],
+        "y_mm": [-150.0, 150.0],
+        "z_mm": [-650.0, -450.0],
+        "rx_deg": [-15.0, 15.0],
+        "ry_deg": [-15.0, 15.0],
+        "rz_deg": [-20.0, 20.0],
+    },
+    "hexaglide": {
+        "joint_mm": [-250.0, 350.0],
+        "x_mm": [-100.0, 100.0],
+        "y_mm": [-100.0, 100.0],
+        "z_mm": [-520.0, -380.0],
+        "rx_deg": [-15.0, 15.0],
+        "ry_deg": [-15.0, 15.0],
+        "rz_deg": [-15.0, 15.0],
+    },
+    "five-bar": {
+        "joint_deg": [-120.0, 120.0],
+        "x_mm": [-150.0, 150.0],
+        "y_mm": [150.0, 400.0],
+    },
+}
+
+
+def robot_file(folder, name):
+    """Path of a new robot file."""
+    arms = {}
+    for key, value in ROBOTS[name].items():
+        arm, _, field = key.partition(".")
+        arms.setdefault(arm, {})[field] = round(value, 6)
+    document = {
+        "schema": "pkmcal/robot/1",
+        "mechanism": name,
+        "name": f"a {name}",
+        "geometry": {"arms": list(arms.values())},
+        "limits": LIMITS[name],
+    }
+    path = folder / f"{name}.yaml"
+    path.write_text(json.dumps(document), encoding="utf-8")  # every JSON is a YAML
+    return path
