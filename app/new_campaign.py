@@ -36,9 +36,9 @@ from sim.scenarios.scenario import edited, parse_scenario, scenario_text, shippe
 DEFAULT_ROBOT = "par4-prototype"
 DEFAULT_SCENARIO = "paper-prototype"
 OTHERS_SCENARIO = "realistic"
-"""Scenario of robots without parallelograms, which the errors of the paper's are no typical ones of.
+"""Scenario of robots without parallelograms: the errors of the paper's are not typical of them.
 
-They turn a crank by 4° from where it should be, beyond the margin from a five-bar's singularities.
+Cranks that are 4° off use up a five-bar's margin from singularities.
 """
 COMPLETED_ROBOT, COMPLETED_SCENARIO = completer(shipped_robots), completer(shipped_scenarios)
 DEFAULT_REFLECTOR = "CCR-1.5in"
@@ -50,7 +50,7 @@ NOT_SPECIFIED: Mapping[str, str | None] = {"controller": None, "tracker": None}
 UNATTENDED_SPEED_UP = 10_000
 """Speed-up at which a motion ends after a few questions for the controller's state."""
 LIMIT_DIGITS = 4
-"""Decimals of a tracker's limit in µm: more than any data sheet has."""
+"""Decimals of a limit, of a tracker in µm or of a joint: more than any data sheet has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -332,7 +332,8 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
         geometry={name: robot.parameters[name] for name in mechanism.parameters.names},
         units=tuple("deg" if axis.is_revolute else "mm" for axis in mechanism.joints),
         joint_limits=tuple(
-            (round(axis.to_file(low), 9), round(axis.to_file(high), 9)) for axis, (low, high) in limits
+            (round(axis.to_file(low), LIMIT_DIGITS), round(axis.to_file(high), LIMIT_DIGITS))
+            for axis, (low, high) in limits
         ),
         centre_mm=vector(centre[:3]),
         turns_deg={axis.name: axis.to_file(turn) for axis, turn in turns},

@@ -51,7 +51,7 @@ class FeasibleRegion:
     view_from_mm: Array
     """The tracker's place in the base frame, (3,)."""
     reflector_facing: Array
-    """Direction of the reflector's axis in the base frame, unit length, (3,)."""
+    """Direction of the reflector's axis in the middle of the workspace, unit length, (3,)."""
     acceptance_rad: float
     """Largest angle between the reflector's axis and the beam."""
     space: RestrictedSpace = UNRESTRICTED
@@ -78,7 +78,8 @@ class FeasibleRegion:
 
     def can_measure(self, poses: Array) -> Mask:
         """Return which poses can be taken and seen, whatever the space allows, (N,)."""
-        angles = incidence_rad(poses[:, :3], self.view_from_mm, self.reflector_facing)
+        facing = self.kinematics.mechanism.facing(poses, self.reflector_facing)
+        angles = incidence_rad(poses[:, :3], self.view_from_mm, facing)
         is_seen = angles <= self.acceptance_rad
         return np.asarray(self.kinematics.feasibility(self.limits, poses).feasible & is_seen)
 
@@ -92,9 +93,13 @@ class FeasibleRegion:
 
 
 def incidence_rad(points_mm: Array, tracker_mm: Array, facing: Array) -> Array:
-    """Return the angles (N,) between a reflector's axis and the beam at points (N, 3)."""
+    """Return the angles (N,) between a reflector's axis and the beam at points (N, 3).
+
+    `facing` is the axis at each point, (N, 3), or at all, (3,).
+    """
     beam = tracker_mm - points_mm
-    return np.asarray(np.arccos(np.clip(beam @ facing / np.linalg.norm(beam, axis=1), -1.0, 1.0)))
+    along = beam @ facing if facing.ndim == 1 else np.sum(beam * facing, axis=1)
+    return np.asarray(np.arccos(np.clip(along / np.linalg.norm(beam, axis=1), -1.0, 1.0)))
 
 
 def boundary_poses(region: FeasibleRegion, count: int, rng: np.random.Generator) -> Array:

@@ -229,6 +229,13 @@ class Mechanism(ABC):
         """Return derivatives of the measured point (N, 3, k) from those of poses (N, t, k)."""
         return rows[:, :3]
 
+    def facing(self, poses: Array, direction: Array) -> Array:  # noqa: ARG002 - where parts turn
+        """Return where a reflector looks at poses (N, t), (N, 3) or one for all, (3,).
+
+        It looks in a direction (3,) in the middle of the workspace.
+        """
+        return direction
+
     # --- turns ----------------------------------------------------------------------------------
 
     def turn_jacobian(
@@ -564,6 +571,13 @@ class ImplicitMechanism(Mechanism):
             return rows[:, :3]
         levers, by_turn = self._levers(poses)[..., None], self.turn_rows(poses, rows)
         return np.asarray(rows[:, :3] + np.cross(by_turn, levers, axis=1))
+
+    @override
+    def facing(self, poses: Array, direction: Array) -> Array:
+        if len(self.task) == 3:
+            return direction
+        home = np.array([self.home or (0.0,) * len(self.task)])
+        return np.asarray(self.tool_axes(poses) @ (self.tool_axes(home)[0].T @ direction))
 
     def _levers(self, poses: Array) -> Array:
         """Return the measured point seen from the controlled one, in the base frame, (N, 3)."""

@@ -106,9 +106,9 @@ class StationMonitor:
             yield from self._name_unseen_shots(station, place_mm)
 
     def _name_unseen_shots(self, station: Station, place_mm: Vector3) -> Iterator[Event]:
-        view = station.seen_from(place_mm)
+        view, mechanism = station.seen_from(place_mm), self._kinematics.mechanism
         unseen = sorted(
-            shot.shot for shot in self._planned if view_fault(pose_row(shot.pose)[:3], view)
+            shot.shot for shot in self._planned if view_fault(pose_row(shot.pose), view, mechanism)
         )
         if unseen:
             yield Event(

@@ -22,6 +22,7 @@ from campaigns.design.pose_sampling import incidence_rad
 from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.design.tours import travel_rad
 from campaigns.errors import PlanInvalid
+from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.feasibility import Feasibility, Limits
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.planning.paths import RobotModel, check_paths
@@ -88,7 +89,7 @@ def check_plan(
         [
             *_pose_faults(shots, robot.kinematics, robot.limits),
             *_space_faults(shots, robot.space),
-            *_view_faults(shots, limits.view),
+            *_view_faults(shots, limits.view, robot.kinematics.mechanism),
             *_drift_faults(shots),
             *_nest_faults(shots, limits.nests, limits.known_lengths),
         ],
@@ -122,10 +123,10 @@ def refuse(faults: Sequence[str], *, remedy: str) -> None:
     raise PlanInvalid(" | ".join(faults[:FAULTS_NAMED]) + more, remedy=remedy)
 
 
-def view_fault(point_mm: Array, view: View) -> str:
-    """Return why a point (3,) in the base frame cannot be seen; empty if it can."""
-    facing = np.array(view.facing) / np.linalg.norm(view.facing)
-    (angle,) = incidence_rad(point_mm[None], np.array(view.tracker_mm), facing)
+def view_fault(pose: Array, view: View, mechanism: Mechanism) -> str:
+    """Return why the reflector at a pose (t,) cannot be seen; empty if it can."""
+    facing = mechanism.facing(pose[None], np.array(view.facing) / np.linalg.norm(view.facing))
+    (angle,) = incidence_rad(pose[None, :3], np.array(view.tracker_mm), facing)
     if angle <= view.acceptance_rad:
         return ""
     return (
@@ -169,11 +170,11 @@ def _disagreement(shot: PlannedShot, judged: Feasibility, row: int) -> Iterator[
         )
 
 
-def _view_faults(shots: Sequence[PlannedShot], view: View) -> Iterator[str]:
+def _view_faults(shots: Sequence[PlannedShot], view: View, mechanism: Mechanism) -> Iterator[str]:
     """Name shots at which the robot's reflector looks too far away from the tracker."""
     # nests have reflectors of their own, whose direction no file states
     for shot in shots:
-        if not shot.nest and (fault := view_fault(pose_row(shot.pose)[:3], view)):
+        if not shot.nest and (fault := view_fault(pose_row(shot.pose), view, mechanism)):
             yield f"shot {shot.shot}: {fault}"
 
 

@@ -204,7 +204,8 @@ def _check_centre(region: FeasibleRegion) -> None:
         )
     if not region.can_measure(centre)[0]:
         _check_tracker(region)
-        away_rad = incidence_rad(centre[:, :3], region.view_from_mm, region.reflector_facing)
+        facing = region.kinematics.mechanism.facing(centre, region.reflector_facing)
+        away_rad = incidence_rad(centre[:, :3], region.view_from_mm, facing)
         raise PlanInvalid(
             f"{at} cannot be seen: the reflector looks {np.degrees(away_rad[0]):.0f}° away from "
             f"the tracker, limit {np.degrees(region.acceptance_rad):g}°",
