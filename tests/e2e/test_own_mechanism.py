@@ -1,10 +1,13 @@
 """A mechanism of one's own, from a Python file: planned, measured elsewhere, identified."""
 
 import csv
+import html
 
 import numpy as np
 import pytest
+from command_line import SMALL_TESTS, change
 
+from campaigns.evaluation.simulated_devices import OWN_EQUATIONS
 from campaigns.robots.robot import find_robot
 
 PARTS = """
@@ -72,3 +75,21 @@ def test_a_file_that_gives_no_mechanism_is_refused(pkmcal, file, tmp_path, word,
     ended = pkmcal("new", tmp_path / "campaign", "--robot", file.parent / word, "--offline")
     assert ended.code == 2
     assert reason in ended.error_line
+
+
+@pytest.mark.slow
+def test_a_dry_run_says_what_it_does_not_test(pkmcal, file, tmp_path):
+    """The simulated cell has no parts of such a robot: it moves by the robot's own equations."""
+    folder = tmp_path / "campaign"
+    assert pkmcal("new", folder, "--robot", f"{file}:OWN").code == 0
+    change(folder / "campaign.yaml", SMALL_TESTS | {"plan.shots": 24, "plan.validation_pairs": 4})
+    change(folder / "cell.yaml", {"speed_up": 3000})
+    ended = pkmcal("dry-run", folder, "--json")
+    assert ended.code == 0, ended.err
+    assert ended.document["after"]["distances_mm"]["max_abs"] < 0.15
+    assert OWN_EQUATIONS in ended.err
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert OWN_EQUATIONS in html.unescape(page)
+    refused = pkmcal("sim", folder / "cell.yaml")
+    assert refused.code == 2
+    assert "nothing here simulates a quarter-h4" in refused.error_line
