@@ -354,7 +354,7 @@ class StartSection(Section):
     rx_deg: float = 0.0
     ry_deg: float = 0.0
     rz_deg: float = 0.0
-    """Rotation vector of a platform with three turns."""
+    """With `rx_deg` and `ry_deg` the rotation vector of a platform with three turns."""
 
     @property
     def pose(self) -> Array:
