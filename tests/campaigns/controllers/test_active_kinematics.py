@@ -2,6 +2,7 @@
 
 from math import radians
 
+import numpy as np
 import pytest
 
 from campaigns.controllers.active_kinematics import joints_of_pose
@@ -26,3 +27,13 @@ def test_pose_out_of_reach_is_refused_with_its_numbers():
         LimitViolation, match=r"pose \(0\.000 mm, 0\.000 mm, -2000\.000 mm, 0\.000°\)"
     ):
         joints_of_pose(PAR4, FLAT, Pose(0.0, 0.0, -2000.0, 0.0))
+
+
+def test_joints_come_to_a_pose_with_the_reading_of_the_side_they_come_from():
+    lost = FLAT | {f"arm{arm}.backlash_deg": 0.2 for arm in range(4)}
+    pose = Pose(120.0, -80.0, -600.0, radians(20.0))
+    middle = np.array(joints_of_pose(PAR4, lost, pose))
+    from_below = joints_of_pose(PAR4, lost, pose, present=middle - 0.1)
+    from_above = joints_of_pose(PAR4, lost, pose, present=middle + 0.1)
+    assert np.degrees(from_below - middle) == pytest.approx(0.1, abs=1e-9)
+    assert np.degrees(from_above - middle) == pytest.approx(-0.1, abs=1e-9)
