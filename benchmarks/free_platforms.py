@@ -57,7 +57,11 @@ def measure_campaign(nominal: RobotFile, shots: int, seed: int) -> dict[str, obj
         pairs=[None] * shots + [row // 2 for row in range(2 * PAIRS)],
     )
     result = identify(measured, nominal)
-    return {"seed": seed, "verdict": str(result.verdict), **_errors(nominal, truth, result)}
+    return {
+        "seed": seed,
+        "verdict": str(result.judgement.verdict),
+        **_errors(nominal, truth, result),
+    }
 
 
 def _drawn(nominal: RobotFile, seed: int) -> dict[str, float]:
@@ -97,10 +101,12 @@ def _errors(
     poses = sample_workspace(nominal, POSES, seed=99)
     joints = nominal.kinematics.inverse(poses).values_or_raise()
     places_mm, turned = _stood(truth, nominal, joints, poses)
-    robot = nominal.of(nominal.mechanism, result.flat(), name="identified", limits=nominal.limits)
+    robot = nominal.of(
+        nominal.mechanism, result.value.flat(), name="identified", limits=nominal.limits
+    )
     model = robot.kinematics
     found = model.forward(joints, poses).values_or_raise()
-    points_mm, covariance = model.points(found), result.covariance
+    points_mm, covariance = model.points(found), result.uncertainty.covariance
     assert covariance is not None, "as the model with priors gives it"
     names = covariance.names
     places = model.mechanism.parameters.places(names)

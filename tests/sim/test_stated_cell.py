@@ -76,16 +76,16 @@ def test_it_moves_by_its_own_equations_with_gears_play_and_noise():
 
 def test_a_restart_goes_on_where_it_stood():
     cell = made()
-    there, now_s = moved(cell, TARGET, 0.0)
+    there, _ = moved(cell, TARGET, 0.0)
     after = made(memory=json.loads(json.dumps(cell.memory())))
     assert np.array_equal(after.true_reflector_mm(0.0), there)
     assert after.memory() == cell.memory()
 
 
 def test_each_joint_keeps_its_own_limits():
-    with pytest.raises(Refusal, match="joint 1 to 210.0000 mm, limits 0 mm to 200 mm"):
+    with pytest.raises(Refusal, match=r"joint 1 to 210\.0000 mm, limits 0 mm to 200 mm"):
         made().controller.move_joints([0.0, 210.0, 0.0], 1.0, 0.0)
-    with pytest.raises(Refusal, match="joint 0 to 95.0000°, limits -90° to 90°"):
+    with pytest.raises(Refusal, match=r"joint 0 to 95\.0000°, limits -90° to 90°"):
         made().controller.move_joints([np.radians(95.0), 10.0, 0.0], 1.0, 0.0)
 
 

@@ -46,7 +46,7 @@ def test_a_shot_that_turns_the_reflector_away_is_named(hexapod):
 def test_where_it_looks_is_stated_in_the_middle_of_the_workspace(hexapod):
     home = np.array([0.0, 0.0, -550.0, 0.0, 0.0, np.radians(10.0)])
     mechanism = hexapod.mechanism.with_home(home)
-    further = home + [0.0, 0.0, 0.0, 0.0, 0.0, np.radians(20.0)]
+    further = np.array([0.0, 0.0, -550.0, 0.0, 0.0, np.radians(30.0)])
     (at_home, turned) = mechanism.facing(np.array([home, further]), np.array([1.0, 0.0, 0.0]))
     assert at_home == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
     assert turned == pytest.approx([np.cos(np.radians(20.0)), np.sin(np.radians(20.0)), 0.0])
