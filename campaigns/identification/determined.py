@@ -19,7 +19,7 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.evaluation.decision import COVERAGE, decide
 from campaigns.fit.error_model import Observations
-from campaigns.fit.error_sources import SOURCES
+from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.fit import Fit
 from campaigns.fit.uncertainty import budget, length_std, without_axes
 from campaigns.identification.findings import NOT_DETERMINED, NOT_TESTED, TOO_UNCERTAIN, Finding
@@ -59,11 +59,12 @@ class Determined:
 
 
 # A size is estimated where shots determine at least one unknown of its group: C_jj / ρ² is what is
-# left of a prior's variance ρ², and 1 less that is the part of unknown j that shots determine.
+# left of a prior's variance ρ², and 1 less that is the part of unknown j that shots determine. The
+# tracker's own errors are no tolerances of the robot: a data sheet or a calibration states them.
 def assumed_share(fit: Fit, squares: Mapping[str, float]) -> float:
     """Return the share of tolerances whose size no shot estimates in the squares of `budget`."""
     variances, assumed = np.diag(fit.covariance), 0.0
-    for source in SOURCES.keys() & squares.keys():
+    for source in squares.keys() & (SOURCES.keys() - TRACKER_SOURCES.keys()):
         places = fit.model.sized_groups.get(source)
         of_priors = np.inf
         if places is not None:
@@ -118,10 +119,10 @@ def quantity_findings(
         elif quantity.name == "rotation" and not quantity.is_tested:
             says = f"{what}, and no shot checks it: points of one reflector show no rotation"
             yield Finding(NOT_TESTED, says, "not decided")
-        if quantity.name == "rotation" and rotation_deg is not None:
-            if decide(0.0, quantity.max, rotation_deg) != "pass":
-                says = (
-                    f"rotation: U is {COVERAGE * quantity.max:.2g} deg at its largest, limit "
-                    f"{rotation_deg:g} deg: measure more shots"
-                )
-                yield Finding(TOO_UNCERTAIN, says, "not decided")
+        is_limited = quantity.name == "rotation" and rotation_deg is not None
+        if is_limited and decide(0.0, quantity.max, rotation_deg or 0.0) != "pass":
+            says = (
+                f"rotation: U is {COVERAGE * quantity.max:.2g} deg at its largest, limit "
+                f"{rotation_deg:g} deg: measure more shots"
+            )
+            yield Finding(TOO_UNCERTAIN, says, "not decided")

@@ -51,7 +51,7 @@ from campaigns.identification.known_lengths import KnownLengths, known_lengths
 from campaigns.identification.observations import error_model, fitted_sessions, observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.paper import identify_as_paper
-from campaigns.identification.positions import uncertainty_over_workspace
+from campaigns.identification.positions import uncertainty_of_positions
 from campaigns.identification.repeats import repeating_share
 from campaigns.identification.result import (
     Diagnosis,
@@ -257,8 +257,13 @@ class _JudgedCampaign:
         positions = Uncertainty()
         if options.workspace is not None:
             repeating = repeating_share(fit, shots, self.observations)
-            positions = uncertainty_over_workspace(
-                fit, identified, options.workspace, unseen.test, repeating
+            positions = uncertainty_of_positions(
+                fit,
+                identified,
+                options.workspace,
+                ratio,
+                repeating,
+                is_tested=unseen.test is not None,
             )
         residuals = self._residuals(fit)
         all_findings = (

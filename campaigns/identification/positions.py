@@ -27,7 +27,6 @@ from campaigns.fit.uncertainty import (
     without_frame,
 )
 from campaigns.identification.determined import Determined, assumed_share, rotation_determined
-from campaigns.identification.findings import HoldOut
 from campaigns.identification.result import ParameterCovariance, PositionStd, Share, Uncertainty
 from campaigns.kinematics.mechanism import Kinematics
 
@@ -54,14 +53,21 @@ NOISE_WORDS = {
 }
 
 
-def uncertainty_over_workspace(
-    fit: Fit, identified: Kinematics, workspace: Array, test: HoldOut | None, repeating: float = 0.0
+def uncertainty_of_positions(
+    fit: Fit,
+    identified: Kinematics,
+    workspace: Array,
+    ratio: float,
+    repeating: float = 0.0,
+    *,
+    is_tested: bool = False,
 ) -> Uncertainty:
     """Return the uncertainty of positions at poses (N, t), in the frame that fits all of them best.
 
-    Larger errors of hold-out pairs (`test`) multiply it, `repeating` is the share of the robot's
-    scatter that repeats, and so is an error of each position. Rotation is stated beside positions.
-    Nothing is stated where the identified robot can take too few of the poses.
+    `ratio` multiplies the uncertainty where hold-out pairs showed larger errors, `repeating` is the
+    share of the robot's scatter that repeats, and so is an error of each position. `is_tested` says
+    whether there were hold-out pairs. Rotation is stated beside positions. Nothing is stated where
+    the identified robot can take too few of the poses.
     """
     # 1. Derivatives of the positions by all unknowns, at the workspace's sample and at the shots
     #    that counted, both "unmeasured": without a tracker, since only the robot is asked about.
@@ -69,7 +75,6 @@ def uncertainty_over_workspace(
     #    shifted as a whole is placed right by the fit of its base, so that is no error.
     # 3. σ and budget over the sample alone. For the region of validity sample and shots share one
     #    frame instead, or their σ could not be compared.
-    ratio = 1.0 if test is None else test.applied_ratio
     at_sample, sample = identified.select_reachable(workspace)
     if len(sample) < FEWEST_POSES * len(workspace):
         return Uncertainty()
@@ -104,8 +109,8 @@ def uncertainty_over_workspace(
         squares["layer"] = squares.get("layer", 0.0) + further
     if repeating:
         squares[REPEATING] = float(repeats[:count].mean())
-    assumed, tested = assumed_share(fit, squares), test is not None
-    position = Determined("position", sizes.mean, sizes.max, sizes.rms, assumed, tested)
+    assumed = assumed_share(fit, squares)
+    position = Determined("position", sizes.mean, sizes.max, sizes.rms, assumed, is_tested)
     # points of one reflector do not check the tool's rotation
     rotation = rotation_determined(fit, identified, at_sample, sample, ratio)
     return Uncertainty(

@@ -191,7 +191,6 @@ def test_held_parameters_have_no_column_and_growth_only_with_temperatures():
     )
     assert whole.names[-3:] == ("constant", "transit", "scale")
     assert "ripple" not in whole.groups
-    assert (whole.is_revolute, model_of("linear-delta").is_revolute) == (True, False)
 
 
 def test_groups_with_a_size_are_those_of_the_table_and_of_effects_that_learn_theirs():
