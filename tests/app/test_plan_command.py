@@ -22,7 +22,8 @@ from campaigns.workflow.planning import plan
 
 PLAN_KEYS = {
     *("schema", "next", "before_next", "next_reason"),
-    *("shots", "pairs", "placement", "seed", "until_mm", "position_std_mm", "predicted_std"),
+    *("shots", "pairs", "placement", "seed", "until_mm", "predicted_std"),
+    *("position_std_mm", "rotation_std_deg"),
     *("weakest", "from_below", "fitting_lines_mm", "space", "seconds_estimated"),
     *("path", "programs", "repeats"),
 }

@@ -16,6 +16,7 @@ IDENTIFICATION_KEYS = {
     *("sizes", "tracker", "residuals_mm", "unseen_mm", "fitted", "unseen", "modelled"),
     *(
         "events",
+        "determined",
         "diagnosis",
         "layers",
         "excluded",

@@ -67,7 +67,7 @@ def test_a_mechanism_of_ones_own_goes_all_the_way_to_its_parameters(pkmcal, file
     ("word", "reason"),
     [
         ("my.py:MINE", "has no attribute 'MINE'"),
-        ("my.py:OTHER", "is 'par4', must be a ClosedChain"),
+        ("my.py:OTHER", "is 'par4', must be a Mechanism"),
         ("none.py:OWN", "No such file"),
     ],
 )

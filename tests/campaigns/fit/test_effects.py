@@ -47,7 +47,7 @@ def effects_of(name):
     if "arm 1" in parts:
         steps.append(replace(parts["arm 1"], since=5.0))
     joints = observations.joints.shape[1]
-    rate = 30.0 if model.is_revolute else 0.5
+    rate = 30.0 if model.nominal.mechanism.joints[0].is_revolute else 0.5
     ripple = Ripple((0, 2), rate, 0.01 * rate, 1e-4, -3.0, (0.5, -1.0, 2.0, 0.3))
     effects = (*steps, Walk(0), ripple, Lag(joints), *layers(observations))
     return model.with_effects(effects), observations
