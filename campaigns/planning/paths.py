@@ -37,7 +37,11 @@ PathFault = tuple[str, float]
 PATH_STEP_RAD = np.radians(5.0)
 """Largest turn of a joint between samples at which the mechanism is judged."""
 SLACK_RAD = np.radians(3.0)
-"""Excess of a passed pose over limits of turn and swing that is allowed; none where it measures."""
+"""Excess of a passed pose over limits of turn and swing that is allowed; none where it measures.
+
+Over limits of x, y and z it is the travel that compares. A robot stands where the parameters before
+a load had it, which those after it place by some mm elsewhere: it must be able to leave.
+"""
 PASSING_SINGULARITY_MARGIN = 0.1
 """Singularity margin of a passed pose: half that of a measured one."""
 SPACE_STEP_RAD = np.radians(1.0)
@@ -210,7 +214,8 @@ class RobotModel:
 
     def _passing_violations(self, joints: Array, poses: Array) -> Index:
         """Return the violations (N,) at poses (N, t) that are passed, not measured."""
-        wider = self.limits.narrowed_by(task=-SLACK_RAD, swing_rad=-SLACK_RAD)
+        slack = [-SLACK_RAD * axis.scale for axis in self.kinematics.mechanism.task]
+        wider = self.limits.narrowed_by(task=slack, swing_rad=-SLACK_RAD)
         passing = replace(wider, singularity_margin=PASSING_SINGULARITY_MARGIN, elbow_margin=0.0)
         kinematics = self.kinematics
         passed = path_feasibility(kinematics.mechanism, kinematics.p, passing, joints, poses)
