@@ -261,4 +261,5 @@ def free_mechanism(
             f"nothing here simulates a {kind.name}: its equations are in the campaign's robot file",
             remedy="make a campaign with `pkmcal new DIR --robot FILE`, or dry-run it",
         )
-    return StatedMechanism(kind, equations(flat))
+    # without errors of gears and encoders, which the cell adds before and its controller after
+    return StatedMechanism(kind, equations({name: flat[name] for name in kind.names}))

@@ -9,7 +9,7 @@ import pytest
 from sim.cell import Cell
 from sim.errors import ScenarioInvalid, SimError
 from sim.robot.controller import Refusal
-from sim.scenarios.adaptation import WantedRobot, adapted
+from sim.scenarios.adaptation import WantedRobot, adapted, computing_all
 from sim.scenarios.scenario import parse_scenario, scenario_text
 
 FLAT = {
@@ -33,6 +33,9 @@ ROBOT = WantedRobot(
 @dataclass(frozen=True)
 class Column:
     flat: dict
+
+    def __post_init__(self):
+        assert self.flat.keys() == FLAT.keys()
 
     @property
     def offsets(self):
@@ -96,6 +99,15 @@ def test_its_controller_moves_to_a_pose_by_the_same_equations():
     assert cell.controller.state(now_s).joints == pytest.approx(joints, abs=1e-5)
     with pytest.raises(Refusal, match="cannot reach"):
         cell.controller.move_pose(2000.0, 0.0, -520.0, 0.0, 1.0, now_s)
+
+
+def test_gears_that_the_controller_knows_count_once():
+    text = computing_all(adapted(scenario_text("realistic"), ROBOT))
+    cell = Cell(parse_scenario(text, "column"), equations=Column)
+    cell.controller.replace_geometry(FLAT | {"arm1.encoder_gain_ppm": 1e4}, 0.0)
+    now_s = cell.controller.move_pose(330.0, 90.0, -520.0, 0.0, 1.0, 0.0)
+    joints = Column(FLAT).joints(np.array([330.0, 90.0, -520.0])) / [1.0, 1.01, 1.0]
+    assert cell.controller.state(now_s).joints == pytest.approx(joints, abs=1e-5)
 
 
 def test_without_its_equations_it_is_refused_with_the_way_out():
