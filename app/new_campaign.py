@@ -14,6 +14,7 @@ from campaigns.files import text_file
 from campaigns.kinematics.any_mechanism import ImplicitMechanism
 from campaigns.kinematics.catalog import FAMILY
 from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.parameters import Role
 from campaigns.planning.validation_plan import fitting_lines
 from campaigns.robots.robot import (
     RobotDocument,
@@ -327,6 +328,12 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
     mechanism, centre = robot.mechanism, robot.workspace_centre
     limits = zip(mechanism.joints, robot.limits.of_joints(len(mechanism.joints)), strict=True)
     turns = zip(mechanism.task[3:], centre[3:].tolist(), strict=True)
+    # tilts and sags of a family's plate are drawn with its rods, or, of one's own, left out
+    zeros: tuple[str, ...] = ()
+    reflector_mm: Vector3 = (0.0, 0.0, 0.0)
+    if isinstance(mechanism, ImplicitMechanism):
+        zeros = mechanism.parameters.select(Role.EXTENSION)
+        reflector_mm = mechanism.reflector_mm
     wanted = WantedRobot(
         mechanism=mechanism.name,
         geometry={name: robot.parameters[name] for name in mechanism.parameters.names},
@@ -336,10 +343,9 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
             for axis, (low, high) in limits
         ),
         centre_mm=vector(centre[:3]),
+        zeros=zeros,
         turns_deg={axis.name: axis.to_file(turn) for axis, turn in turns},
-        reflector_mm=mechanism.reflector_mm
-        if isinstance(mechanism, ImplicitMechanism)
-        else (0.0, 0.0, 0.0),
+        reflector_mm=reflector_mm,
     )
     text = adapted(scenario_text(scenario, seed), wanted)
     if mechanism.name not in FAMILY:

@@ -19,7 +19,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sim.geometry import LENGTHS, Array, Geometry, Kind, KindParameter, PlateKind, geometry_of
+from sim.geometry import (
+    LENGTHS,
+    Array,
+    Geometry,
+    Kind,
+    KindParameter,
+    PlateKind,
+    StatedKind,
+    geometry_of,
+    parameter_of,
+)
 from sim.random_streams import Purpose, generator
 from sim.robot.bars import EquationsOf, TurningPlate, free_mechanism
 from sim.robot.controller import ControllerKinematics
@@ -43,12 +53,14 @@ def true_geometry(robot: RobotSection, seed: int) -> dict[str, float]:
     """Draw the robot as it was really made, by flat names, mm and deg."""
     # One number is drawn for every parameter, also where its tolerance is 0: a further tolerance
     # in the scenario then leaves the other parameters of a seed as they were.
-    draw = generator(seed, Purpose.MANUFACTURE).standard_normal(len(robot.kind.names))
-    flat = robot.true_flat()
-    sigma = _sigma if isinstance(robot.kind, PlateKind) else _sigma_of_bars
+    kind, sigma = robot.kind, _sigma if isinstance(robot.kind, PlateKind) else _sigma_of_bars
+    parameters, flat = dict(kind.parameters), robot.true_flat()
+    if isinstance(kind, StatedKind):
+        parameters |= {name: parameter_of(name) for name in kind.zeros}
+    draw = generator(seed, Purpose.MANUFACTURE).standard_normal(len(parameters))
     return {
-        name: flat[name] + sigma(robot.tolerances, parameter) * float(normal)
-        for (name, parameter), normal in zip(robot.kind.parameters.items(), draw, strict=True)
+        name: flat.get(name, 0.0) + sigma(robot.tolerances, parameter) * float(normal)
+        for (name, parameter), normal in zip(parameters.items(), draw, strict=True)
     }
 
 

@@ -282,8 +282,10 @@ class StatedKind(Kind):
     joint_units: tuple[Unit, ...]
     stated: tuple[str, ...]
     """Flat names of its parameters."""
-    named_turns: tuple[str, ...]
+    named_turns: tuple[str, ...] = ()
     """Names of the turns in a pose."""
+    zeros: tuple[str, ...] = ()
+    """Flat names of parameters that its equations have too, and that are 0 by its drawing."""
 
     unknowns = 6
     lengths = ()
@@ -298,10 +300,15 @@ class StatedKind(Kind):
         """Unit of each joint outside."""
         return self.joint_units
 
+    @property
+    def extensions(self) -> tuple[str, ...]:
+        """Flat names of the parameters that are 0 by its drawing."""
+        return self.zeros
+
     @cached_property
     def parameters(self) -> Mapping[str, KindParameter]:
         """Its parameters by flat name."""
-        return {name: _stated_parameter(name) for name in self.stated}
+        return {name: parameter_of(name) for name in self.stated}
 
 
 def _parameters_of(arms: Sequence[tuple[Field, ...]]) -> dict[str, KindParameter]:
@@ -310,7 +317,7 @@ def _parameters_of(arms: Sequence[tuple[Field, ...]]) -> dict[str, KindParameter
     return {f"arm{arm}.{field.key}": (arm, field) for arm, field in of_arms}
 
 
-def _stated_parameter(name: str) -> KindParameter:
+def parameter_of(name: str) -> KindParameter:
     """Return a parameter by its flat name: `arm1.length_mm`, `tool_x_mm`."""
     holder, _, key = name.rpartition(".")
     stem, _, unit = key.rpartition("_")

@@ -262,4 +262,5 @@ def free_mechanism(
             remedy="make a campaign with `pkmcal new DIR --robot FILE`, or dry-run it",
         )
     # without errors of gears and encoders, which the cell adds before and its controller after
-    return StatedMechanism(kind, equations({name: flat[name] for name in kind.names}))
+    known = (*kind.names, *kind.extensions)
+    return StatedMechanism(kind, equations({name: flat[name] for name in known if name in flat}))

@@ -143,7 +143,8 @@ class ControllerKinematics:
     @property
     def extensions(self) -> tuple[str, ...]:
         """Flat names of the parameters of imperfect parts that it computes with."""
-        tilts = () if self.plate is None else self.kind.extensions
+        has_tilts = self.plate is not None or not isinstance(self.kind, PlateKind)
+        tilts = self.kind.extensions if has_tilts else ()
         gears = (*self.kind.transmission, self.kind.rate)
         return tilts if self.ripple_rate is None else tilts + gears
 

@@ -236,6 +236,8 @@ class RobotSection(Section):
     """Unit of each joint of a mechanism of one's own, deg or mm; others have their own."""
     turns: tuple[str, ...] = ()
     """Turns of the platform of a mechanism of one's own: none, theta, or rx, ry and rz."""
+    zeros: tuple[str, ...] = ()
+    """Parameters by name that are 0 by the drawing of a mechanism of one's own; they are drawn."""
     errors: FlatDeltas = Field(default_factory=dict)
     """True minus nominal value, by parameter name (`arm1.forearm_mm`)."""
     tolerances: Tolerances = Tolerances()
@@ -318,7 +320,9 @@ class RobotSection(Section):
         if self.mechanism in TWINS:
             return TWINS[self.mechanism]
         assert self.geometry is not None, "a shipped robot is of a known kind"
-        return StatedKind(self.mechanism, self.joints, tuple(self.geometry.stated), self.turns)
+        return StatedKind(
+            self.mechanism, self.joints, tuple(self.geometry.stated), self.turns, self.zeros
+        )
 
     def places_on_plate_mm(self, geometry: Geometry) -> Array:
         """Return where each arm's bar is on the platform, (n, 3), from the model's joint there.

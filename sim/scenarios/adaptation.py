@@ -58,13 +58,16 @@ class WantedRobot:
     """Place in the middle of its workspace."""
     turns_deg: Mapping[str, float]
     """Turns of its platform in the middle of its workspace, by their names."""
+    zeros: tuple[str, ...]
+    """Names of further parameters of a mechanism of one's own, which are 0 by its drawing."""
     reflector_mm: Point
     """Reflector from the controlled point, of a platform that is one body."""
 
     @cached_property
     def kind(self) -> Kind:
         """Kind of its mechanism."""
-        stated = StatedKind(self.mechanism, self.units, (*self.geometry,), (*self.turns_deg,))
+        turns, parameters = (*self.turns_deg,), (*self.geometry,)
+        stated = StatedKind(self.mechanism, self.units, parameters, turns, self.zeros)
         return TWINS.get(self.mechanism, stated)
 
 
@@ -87,6 +90,7 @@ def adapted(text: str, robot: WantedRobot) -> str:
         if isinstance(kind, StatedKind):
             section.insert(1, "joints", _row(*kind.units))
             section.insert(2, "turns", _row(*kind.turns))
+            section.insert(3, "zeros", _row(*kind.zeros))
         section["workspace_centre_mm"] = _row(*robot.centre_mm)
         _fit_reflector(section, robot)
         controller.pop("geometry_errors", None)

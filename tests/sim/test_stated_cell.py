@@ -26,6 +26,7 @@ ROBOT = WantedRobot(
     joint_limits=((-90.0, 90.0), (0.0, 200.0), (-100.0, 100.0)),
     centre_mm=(350.0, 100.0, -500.0),
     turns_deg={},
+    zeros=("arm2.lean_deg",),
     reflector_mm=(0.0, 0.0, 0.0),
 )
 
@@ -35,7 +36,7 @@ class Column:
     flat: dict
 
     def __post_init__(self):
-        assert self.flat.keys() == FLAT.keys()
+        assert self.flat.keys() - {"arm2.lean_deg"} == FLAT.keys()
 
     @property
     def offsets(self):
@@ -122,7 +123,17 @@ def test_a_robot_of_equal_errors_has_sizes_for_both_kinds_of_joints():
     assert robot.backlash_mm == pytest.approx((0.0, 0.02618, 0.02618), abs=1e-5)
     assert robot.transmission.ripple_arcsec == 10.0
     assert robot.transmission.ripple_mm == pytest.approx(0.014544, abs=1e-6)
-    assert scenario_for(name="gears").robot.kind.names == tuple(FLAT)
+    kind = scenario_for(name="gears").robot.kind
+    assert kind.names == tuple(FLAT)
+    assert kind.extensions == ("arm2.lean_deg",)
+
+
+def test_parameters_that_are_0_by_the_drawing_are_drawn_and_can_be_loaded():
+    cell = made()
+    assert 0.0 < abs(cell.true_geometry["arm2.lean_deg"]) < 0.2
+    assert "arm2.lean_deg" not in cell.controller.geometry()
+    cell.controller.replace_geometry(FLAT | {"arm2.lean_deg": 0.1}, 0.0)
+    assert cell.controller.geometry()["arm2.lean_deg"] == 0.1
 
 
 def test_a_kind_with_another_number_of_arms_is_refused():
