@@ -136,9 +136,7 @@ class Campaign:
     @property
     def centre(self) -> Array:
         """Pose in the middle of the workspace, (t,), mm and rad, over which detours lead."""
-        centre = np.zeros(len(self.robot.mechanism.task))
-        centre[:3] = self.config.validation.centre_mm
-        return centre
+        return self.robot.mechanism.home_at(self.config.validation.centre_mm)
 
     @property
     def view(self) -> View:

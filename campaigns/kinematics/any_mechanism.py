@@ -183,6 +183,12 @@ class Mechanism(ABC):
         """Names of the axes along which the controlled point moves."""
         return tuple(axis.name for axis in self.task[:3] if not axis.is_fixed)
 
+    def home_at(self, place_mm: Sequence[float]) -> Array:
+        """Return the pose (t,) at a place, turned as in the middle of the workspace."""
+        pose = np.zeros(len(self.task))
+        pose[:3] = place_mm
+        return pose
+
     # --- what may differ ------------------------------------------------------------------------
 
     @property
@@ -553,6 +559,12 @@ class ImplicitMechanism(Mechanism):
     @override
     def with_home(self, pose: Array) -> Self:
         return replace(self, home=tuple(pose.tolist()))
+
+    @override
+    def home_at(self, place_mm: Sequence[float]) -> Array:
+        pose = super().home_at(place_mm)
+        pose[3:] = self.home[3:] or 0.0
+        return pose
 
     def home_poses(self, joints: Array) -> Array:
         """Return the home pose for each row of joints (N, n), by `task_axes`, to begin at."""

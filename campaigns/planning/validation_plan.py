@@ -128,8 +128,7 @@ def validation_steps(
     before and after a load are equal. Raise `PlanInvalid` if a test cannot be done at all, or a way
     between poses is not safe.
     """
-    centre = np.zeros(len(robot.kinematics.mechanism.task))
-    centre[: len(AXES)] = config.centre_mm
+    centre = robot.kinematics.mechanism.home_at(config.centre_mm)
     # 1. The tests. Pairs come first: spread widely, they determine where the tracker stands.
     makers: Mapping[ShotSet, Callable[[], Iterator[Planned]]] = {
         ShotSet.VALIDATION: lambda: _possible_pairs(pairs, robot),

@@ -17,7 +17,6 @@ from typing import Literal
 
 import numpy as np
 
-from campaigns.arrays import AXES
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import ControllerState
 from campaigns.controllers.corrected_targets import TargetCorrection
@@ -168,8 +167,7 @@ def verification_work(
     work, _ = _work(campaign, stage, robot, frozenset({ShotSet.VALIDATION}), shots, correct)
     # The robot is left at the centre of the workspace: the parameters change next, and from the
     # centre a safe way leads to the first pair by either set.
-    centre = np.zeros((1, len(robot.mechanism.task)))
-    centre[0, : len(AXES)] = campaign.config.validation.centre_mm
+    centre = campaign.centre[None]
     reachable = _reachable(campaign, robot, correct)
     if reachable.first_reason(centre):
         return work

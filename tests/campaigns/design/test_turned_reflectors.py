@@ -48,5 +48,6 @@ def test_where_it_looks_is_stated_in_the_middle_of_the_workspace(hexapod):
     mechanism = hexapod.mechanism.with_home(home)
     further = np.array([0.0, 0.0, -550.0, 0.0, 0.0, np.radians(30.0)])
     (at_home, turned) = mechanism.facing(np.array([home, further]), np.array([1.0, 0.0, 0.0]))
+    assert mechanism.home_at((1.0, 2.0, -500.0))[3:].tolist() == home[3:].tolist()
     assert at_home == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
     assert turned == pytest.approx([np.cos(np.radians(20.0)), np.sin(np.radians(20.0)), 0.0])
