@@ -94,7 +94,7 @@ class Mechanism(ABC):
     """Its word in robot files."""
     rates: tuple[float, ...]
     """Repetition of each joint's ripple in the unit of `parameters.rate`: periods a turn, or mm; 0
-    where it is unknown."""
+    where it is unknown. () becomes 0 for every joint."""
     held_by_paper: tuple[str, ...]
     """Parameters, or fields of all arms, that the paper's method holds at nominal, and a parameter
     set for a plain controller as identified."""
@@ -342,8 +342,8 @@ class Mechanism(ABC):
     def steepest_error(self, p: Array) -> float:
         """Return a bound of the change of any joint's error over its motion."""
         fields = self.fields_of(p)
-        by_phase = {"backlash": np.zeros(1), "ripple_sin": self.phase_rate}
-        by_phase["ripple_cos"] = self.phase_rate
+        by_phase = dict.fromkeys(("ripple_sin", "ripple_cos"), self.phase_rate)
+        by_phase["backlash"] = np.zeros(1)
         bounds = [
             np.abs(by_phase.get(stem, np.ones(1)) * fields[stem])
             for stem in transmission.STEMS
@@ -483,7 +483,7 @@ class ImplicitMechanism(Mechanism):
         rows = np.asarray(self.misfit(fields, joints, pose))
         if rows.shape != (1, size) or not np.isfinite(rows).all():
             return f"misfit of the first pose is {rows.tolist()}, must be [{size} numbers]"
-        for word, by_pose in (("pose", 1.0), ("joints", 0.0)):
+        for word, by_pose in (("pose", True), ("joints", False)):
             axes = np.eye(size if by_pose else joints.shape[1])[:, None]
             exact, ahead, back = (
                 self.misfit(
@@ -618,19 +618,17 @@ class ImplicitMechanism(Mechanism):
     ) -> Assembly:
         fields, moving = self.fields_of(p), self._moving
         true = self.true_joints_at(p, joints, approach)
-        unknowns, is_solved = (
-            np.empty((len(joints), len(moving))),
-            np.zeros(len(joints), dtype=bool),
-        )
-        for is_near in (True, False):
+        unknowns = np.empty((len(joints), len(moving)))
+        is_solved = np.zeros(len(joints), dtype=bool)
+        for nearby in (None,) if near is None else (near, None):
             rows = np.flatnonzero(~is_solved)
-            if not len(rows) or (is_near and near is None):
-                continue
+            if not len(rows):
+                break
             of_rows = true[rows]
-            if is_near and near is not None:
-                start = near[rows][:, moving]
-            else:
+            if nearby is None:
                 start = self.first_pose(fields, of_rows + fields["joint_offset"])
+            else:
+                start = nearby[rows][:, moving]
             unknowns[rows], is_solved[rows] = _solve_by_newton(
                 partial(self._by_pose, fields, of_rows), start, self._levers_mm(self.task_axes)
             )

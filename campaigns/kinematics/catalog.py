@@ -69,10 +69,10 @@ def find_mechanism(word: object, folder: Path = Path()) -> Mechanism | None:
     if file.endswith(PYTHON):
         return _load_mechanism(folder / file, name)
     for offer in entry_points(group=ENTRY_POINTS, name=word):
-        chain = offer.load()
-        if not isinstance(chain, Mechanism) or chain.name != word:
-            raise TypeError(f"{offer.value} is {chain!r}, must be a Mechanism named '{word}'")
-        return chain
+        mechanism = offer.load()
+        if not isinstance(mechanism, Mechanism) or mechanism.name != word:
+            raise TypeError(f"{offer.value} is {mechanism!r}, must be a Mechanism named '{word}'")
+        return mechanism
     return None
 
 
@@ -86,7 +86,7 @@ def _load_mechanism(file: Path, name: str) -> Mechanism:
         spec.loader.exec_module(module)
     except Exception as error:  # other people's code may raise anything
         raise ImportError(f"{file}: {error}") from error
-    chain = getattr(module, name)
-    if not isinstance(chain, Mechanism):
-        raise TypeError(f"{name} in {file} is {chain!r}, must be a Mechanism")
-    return chain
+    mechanism = getattr(module, name)
+    if not isinstance(mechanism, Mechanism):
+        raise TypeError(f"{name} in {file} is {mechanism!r}, must be a Mechanism")
+    return mechanism

@@ -95,13 +95,9 @@ class ClosedChain(Mechanism):
     limb: Limb
     platform: Platform
     held_by_paper: tuple[str, ...] = ()
-    """Parameters, or fields of all arms, that the paper's method holds at nominal, and a parameter
-    set for a plain controller as identified."""
     plate: PlateGeometry | None = None
     """Nominal places on the plate; None: typical ones."""
     rates: tuple[float, ...] = ()
-    """Repetition of each joint's ripple in the unit of `parameters.rate`: periods a turn, or mm; 0
-    where it is unknown. () becomes 0 for every joint."""
     controlled: Platform | None = None
     """Platform seen from the controlled point; None: `platform` is, for the reflector is there."""
 
@@ -111,13 +107,13 @@ class ClosedChain(Mechanism):
         object.__setattr__(self, "rates", self._checked_rates())
 
     @property
+    @override
     def joints(self) -> tuple[Axis, ...]:
-        """Axes of the joints: `q0`, `q1` and so on."""
         return tuple(Axis(f"q{arm}", self.limb.joint) for arm in range(self.platform.arms))
 
     @property
+    @override
     def task(self) -> tuple[Axis, ...]:
-        """Task axes: x, y, z of the controlled point, and the turn if there is one."""
         return self.platform.task
 
     @cached_property
@@ -403,11 +399,8 @@ class ClosedChain(Mechanism):
     # Rails carry their scale along, so that a carriage's travel grows instead of an arm. The frame
     # grows from its origin to the motors: P of the model is the motor's place less its plate
     # joint's, so the plate joint's place is added again.
+    @override
     def growth_columns(self, p: Array, by_p: Array, joints: Array) -> Array:
-        """Return ∂position (N, 3, 3) by the relative growth of arms or rails, forearms, and frame.
-
-        `by_p` (N, 3, P) are the derivatives of positions by parameters.
-        """
         geometry, places = self.geometry(p), self._columns
         if "arm" in places:
             arms = by_p[..., places["arm"]] @ p[places["arm"]]
@@ -424,15 +417,10 @@ class ClosedChain(Mechanism):
 
     # --- forward ------------------------------------------------------------------------------
 
+    @override
     def assemble(
         self, p: Array, joints: Array, near: Array | None = None, approach: Array | None = None
     ) -> Assembly:
-        """Solve for the poses of encoder readings (N, n).
-
-        `near` (N, t) are poses close by, or an earlier assembly's unknowns (N, t + 3); without
-        them, or where they lead nowhere, the search begins at guesses. `approach` (N, n) holds the
-        signs of the joints' last motions.
-        """
         geometry = self.geometry(p)
         true, task_size = self.true_joints(geometry, joints, approach), len(self.task)
         y = np.empty((len(joints), task_size + 3 if geometry.tilts else task_size))
@@ -567,8 +555,8 @@ class ClosedChain(Mechanism):
         turned_over = np.abs(poses[:, 3:]) >= self.platform.turn_limit_rad
         return np.asarray(is_below & is_mode_of_home & ~turned_over.any(axis=1))
 
+    @override
     def is_mode_of_home(self, p: Array, joints: Array, poses: Array) -> Mask:
-        """Return which poses (N, t) of joints (N, n) are the assembly that `assemble` looks for."""
         geometry = self.geometry(p)
         upper_ends = self.limb.upper_ends(geometry.arms, self.true_joints(geometry, joints))
         return self._is_wanted(geometry, upper_ends, poses, self.assembly_sign(geometry))

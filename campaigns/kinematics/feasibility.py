@@ -85,7 +85,7 @@ class Violation(IntFlag):
 class Feasibility:
     """Margins of poses, and the limits that poses violate. Rows out of reach hold NaN margins."""
 
-    chain: Mechanism
+    mechanism: Mechanism
     limits: Limits
     poses: Array
     """(N, t)"""
@@ -108,23 +108,23 @@ class Feasibility:
         limits = limits or self.limits
         # a pose out of reach has no joints and margins to judge, so this reason stands alone
         violated = Violation(int(self.violations[row]))
-        swing_from, end = self.chain.words_of_swing
+        swing_from, end = self.mechanism.words_of_swing
         if Violation.OUT_OF_REACH in violated:
-            return [self.chain.out_of_reach]
+            return [self.mechanism.out_of_reach]
         words = [
             f"joint {number} at {axis.text(value, '.3f')} outside {axis.span(interval)}"
             for number, (axis, value, interval) in enumerate(
                 zip(
-                    self.chain.joints,
+                    self.mechanism.joints,
                     self.joints[row],
-                    limits.of_joints(len(self.chain.joints)),
+                    limits.of_joints(len(self.mechanism.joints)),
                     strict=True,
                 )
             )
             if outside(value, interval)
         ]
         if Violation.TASK_LIMIT in violated:
-            columns = zip(self.chain.task, self.poses[row], limits.task, strict=True)
+            columns = zip(self.mechanism.task, self.poses[row], limits.task, strict=True)
             words += [
                 f"{axis.name} {axis.text(value, '.3f')} outside {axis.span(interval)}"
                 for axis, value, interval in columns
@@ -146,16 +146,16 @@ class Feasibility:
                 f"too near a singularity: margin {margins.singular_value[row]:.3f} "
                 f"(limit {limits.singularity_margin:g})"
             )
-            if self.chain.has_forearms:
+            if self.mechanism.has_forearms:
                 near += f", {end} {margins.elbow[row]:.3f} (limit {limits.elbow_margin:g})"
             words.append(near)
         return words
 
 
-def feasibility(chain: Mechanism, p: Array, limits: Limits, poses: Array) -> Feasibility:
+def feasibility(mechanism: Mechanism, p: Array, limits: Limits, poses: Array) -> Feasibility:
     """Judge poses (N, t) by reach, assembly mode, limits, swing and distance from singularities."""
-    joints, is_solved = chain.inverse(p, poses)
-    margins = path_feasibility(chain, p, limits, joints, poses)
+    joints, is_solved = mechanism.inverse(p, poses)
+    margins = path_feasibility(mechanism, p, limits, joints, poses)
     is_beyond = outside(joints, limits.joint).any(axis=1)
     violations = (
         margins.violations
@@ -165,17 +165,17 @@ def feasibility(chain: Mechanism, p: Array, limits: Limits, poses: Array) -> Fea
     # Joints of another assembly mode would bring the robot to another pose than the one judged.
     # Poses of ways need no such check: they are solved in the mode of home.
     rows = np.flatnonzero(violations == Violation.NONE)
-    is_elsewhere = ~chain.is_mode_of_home(p, joints[rows], poses[rows])
+    is_elsewhere = ~mechanism.is_mode_of_home(p, joints[rows], poses[rows])
     violations[rows[is_elsewhere]] = Violation.OTHER_ASSEMBLY
     return replace(margins, violations=violations.astype(np.uint8))
 
 
 # Rows out of reach are NaN, which violates none of these limits.
 def path_feasibility(
-    chain: Mechanism, p: Array, limits: Limits, joints: Array, poses: Array
+    mechanism: Mechanism, p: Array, limits: Limits, joints: Array, poses: Array
 ) -> Feasibility:
     """Judge poses (N, t) passed at known joints (N, n), whose limits do not count."""
-    margins = chain.margins(p, joints, poses)
+    margins = mechanism.margins(p, joints, poses)
     is_beyond = np.zeros(len(poses), dtype=bool)
     for column, interval in zip(poses.T, limits.task, strict=True):
         if interval is not None:
@@ -189,29 +189,29 @@ def path_feasibility(
         | swings_too_far * int(Violation.SWING_LIMIT)
         | is_singular * int(Violation.SINGULAR)
     )
-    return Feasibility(chain, limits, poses, joints, margins, violations.astype(np.uint8))
+    return Feasibility(mechanism, limits, poses, joints, margins, violations.astype(np.uint8))
 
 
 # Poses are drawn from this box and rejected outside of the reach, so it may be too large but not
 # too small.
-def search_extent(chain: Mechanism, p: Array, limits: Limits, centre: Array) -> Array:
+def search_extent(mechanism: Mechanism, p: Array, limits: Limits, centre: Array) -> Array:
     """Return the half size (t,) of a box about a pose that holds all that the robot reaches."""
-    half = np.full(len(chain.task), LEAST_TURN_RAD)
+    half = np.full(len(mechanism.task), LEAST_TURN_RAD)
     for place, interval in enumerate(limits.task[3:], 3):
         if interval is not None:
             half[place] = max(0.5 * (interval[1] - interval[0]), LEAST_TURN_RAD)
-    low, high = chain.reach_mm(p, limits.joint_range, limits.forearm_swing_rad)
+    low, high = mechanism.reach_mm(p, limits.joint_range, limits.forearm_swing_rad)
     reach = np.maximum(np.maximum(high - centre[:3], centre[:3] - low), 0.0)
-    half[:3] = reach + chain.reach_of_turns_mm(p) * half[3:].sum()
+    half[:3] = reach + mechanism.reach_of_turns_mm(p) * half[3:].sum()
     for place, interval in enumerate(limits.task[:3]):
         if interval is not None:
             half[place] = max(interval[1] - centre[place], centre[place] - interval[0])
     return half
 
 
-def platform_radius_mm(chain: Mechanism, p: Array, limits: Limits) -> float:
+def platform_radius_mm(mechanism: Mechanism, p: Array, limits: Limits) -> float:
     """Return the distance of the farthest lower end from the measured point at any turn."""
     turns = np.zeros((33, 1))
-    if len(chain.task) > 3 and (interval := limits.task[3]) is not None:
+    if len(mechanism.task) > 3 and (interval := limits.task[3]) is not None:
         turns[:, 0] = np.linspace(*interval, len(turns))
-    return chain.radius_mm(p, turns)
+    return mechanism.radius_mm(p, turns)

@@ -160,7 +160,7 @@ def _disagreement(shot: PlannedShot, judged: Feasibility, row: int) -> Iterator[
     # of them alone, the robot would go where nothing was checked.
     away = np.abs(np.array(shot.joints) - judged.joints[row])
     joint = int(np.argmax(away))
-    axis = judged.chain.joints[joint]
+    axis = judged.mechanism.joints[joint]
     limit = AGREEMENT_RAD * axis.scale
     if not away[joint] <= limit:  # "not <=", so that NaN is a fault as well
         yield (
