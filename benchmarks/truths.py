@@ -25,11 +25,11 @@ import numpy as np
 from campaigns.arrays import Array, Index
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.robots.robot import RobotFile
-from sim.geometry import KINDS, PlateKind, geometry_of
+from sim.geometry import PLATE_KINDS, PlateKind, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism
 from sim.robot.transmission import WEIGHTLESS, Load, Transmission
 
-ROBOTS = {name: "par4-prototype" if name == "par4" else name for name in KINDS}
+ROBOTS = {name: "par4-prototype" if name == "par4" else name for name in PLATE_KINDS}
 """Shipped robots by mechanism."""
 EFFECTS = {
     "clean": "nothing but geometry",
@@ -141,7 +141,7 @@ class Situation:
 
     def suits(self, mechanism: str) -> bool:
         """Whether a mechanism has the parts that the situation is about."""
-        kind = KINDS[mechanism]
+        kind = PLATE_KINDS[mechanism]
         lacking = {"arm", "eccentricity"} if kind.on_rails else set()
         lacking |= {"theta"} if kind.turn is None else set()
         return not any(term.effect in lacking for term in self.terms)
@@ -321,7 +321,7 @@ def draw_robot(
 ) -> TrueRobot:
     """Draw a robot with errors of geometry and those of a situation."""
     assert isinstance(nominal.mechanism, ClosedChain), "truths are robots of parallelograms"
-    kind, plate = KINDS[nominal.mechanism.name], nominal.mechanism.plate
+    kind, plate = PLATE_KINDS[nominal.mechanism.name], nominal.mechanism.plate
     assert plate is not None, "every shipped robot's plate has places"
     arms, size = kind.arms, situation.size
 

@@ -139,11 +139,11 @@ class Cell:
         self.true_geometry = factory.true_geometry(section, self.seed)
         # All draws of manufacture are made again in each process: the seed keeps the robot, and
         # the memory holds only what has happened to it.
-        rods = factory.mechanism_of(section, self.true_geometry, self.seed, equations)
+        mechanism = factory.mechanism_of(section, self.true_geometry, self.seed, equations)
         behaviour = factory.behaviour(section, self.seed)
         computed = factory.controller_kinematics(scenario, self.true_geometry, equations)
         if past is None:
-            first = self._stand_at_start(rods, behaviour.transmission, equations)
+            first = self._stand_at_start(mechanism, behaviour.transmission, equations)
             past = first.model_copy(update={"attempts_before": attempts_before})
         self._state = state = past
         # one worked time for all parts: robot, air and stand drift with the sum of their work
@@ -151,10 +151,10 @@ class Cell:
         self.faults = FaultScript((f.fault() for f in scenario.faults), state.fault_counts)
         self.station = scenario.tracker.station.pose()
         self.robot = DrivenRobot(
-            rods,
+            mechanism,
             behaviour,
             factory.mount(scenario, self.station),
-            _restore_standing(state, rods, section.thermal.growth(state.worked_s)),
+            _restore_standing(state, mechanism, section.thermal.growth(state.worked_s)),
             worked=self._worked,
             arrivals=self._attempts(Purpose.ARRIVAL, state.arrivals),
         )
@@ -205,7 +205,7 @@ class Cell:
     # The true robot stands at the encoder readings that its controller computes for the start pose,
     # and therefore, by all its errors, beside that pose.
     def _stand_at_start(
-        self, rods: Mechanism, gears: Transmission, equations: EquationsOf | None
+        self, mechanism: Mechanism, gears: Transmission, equations: EquationsOf | None
     ) -> CellMemory:
         """Return the state of a new cell; raises `ScenarioInvalid` if it cannot stand there."""
         scenario, kind = self.scenario, self.kind
@@ -218,14 +218,16 @@ class Cell:
             if isinstance(kind, PlateKind):
                 pose = start.pose[:3], math.radians(start.theta_deg)
                 wanted = joints_for(geometry_of(geometry, kind), *pose)
-                assert isinstance(rods, RodMechanism), "as the factory makes it"
-                near = assemble(rods, geometry_of(self.true_geometry, kind), *pose)
+                assert isinstance(mechanism, RodMechanism), "as the factory makes it"
+                near = assemble(mechanism, geometry_of(self.true_geometry, kind), *pose)
             else:
                 wanted = free_mechanism(kind, geometry, equations).joints_for(start.pose)
-                assert isinstance(rods, FreeMechanism), "as the factory makes it"
-                near = restore(rods, rods.joints_for(start.pose), rods.plate_of(start.pose))
+                assert isinstance(mechanism, FreeMechanism), "as the factory makes it"
+                near = restore(
+                    mechanism, mechanism.joints_for(start.pose), mechanism.plate_of(start.pose)
+                )
             encoders = np.round(wanted / step) * step
-            assembly = follow(rods, near, gears.joints(encoders))
+            assembly = follow(mechanism, near, gears.joints(encoders))
         except (OutOfReach, AssemblyLost) as error:
             raise ScenarioInvalid(
                 f"{scenario.name}: the robot cannot stand at controller.start ({error})",
@@ -296,13 +298,13 @@ def _resolve_seed(scenario: Scenario, seed: int | None, past: CellMemory | None)
     return past.seed
 
 
-def _restore_standing(state: CellMemory, rods: Mechanism, growth: Growth) -> Standing:
+def _restore_standing(state: CellMemory, mechanism: Mechanism, growth: Growth) -> Standing:
     """Restore the standing to the last bit, so that everything goes on unchanged."""
     # The assembly is solved only to check the memory and to find its side. The plate itself stays
     # the remembered one: a second solution would differ from it in the last bits.
-    joints, plate = np.array(state.joints), rods.plate_of(np.array(state.plate))
+    joints, plate = np.array(state.joints), mechanism.plate_of(np.array(state.plate))
     try:
-        assembly = restore(rods, joints, plate, growth)
+        assembly = restore(mechanism, joints, plate, growth)
     except AssemblyLost as error:
         raise SimError(f"the cell's memory is damaged: {error.problem}", remedy=REMEDY) from error
     if np.abs(assembly.plate.unknowns - plate.unknowns).max() > REMEMBERED_WITHIN_MM:

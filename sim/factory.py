@@ -78,10 +78,10 @@ def _sigma(tolerances: Tolerances, parameter: KindParameter) -> float:
     return 0.0 if stem in {"elevation", "pinion"} else tolerances.length_mm
 
 
-# The drawn places of all other arms, and of the joints on the platform, are seen from where arm 0's
-# place and the drawing have these frames.
+# The places of all other arms are drawn as seen from that of arm 0, and those of the joints on the
+# platform from the controlled point.
 def _sigma_of_bars(tolerances: Tolerances, parameter: KindParameter) -> float:
-    """Return the same of a mechanism whose platform is one body, or of one's own."""
+    """Return this deviation where the platform is one body, or the mechanism one's own."""
     arm, (stem, unit) = parameter
     if stem in {"x", "y", "z"}:
         return 0.0 if arm == 0 else tolerances.position_mm

@@ -329,15 +329,19 @@ def parameter_of(name: str) -> KindParameter:
 # part, which the turn moves. H4's controlled point is in the middle of its crossbar, so both ends
 # move by half the way. A Delta's rigid platform does not turn.
 PAR4 = PlateKind("par4", (0.0, 0.0, 1.0, 1.0), HINGE)
-ALL_KINDS = (
-    PAR4,
-    PlateKind("h4", (-0.5, -0.5, 0.5, 0.5), HINGE),
-    PlateKind("i4r", (0.0, 0.0, 1.0, 1.0), SLIDE),
-    PlateKind("i4l", (0.0, 0.0, 1.0, 1.0), SLIDE, on_rails=True),
-    PlateKind("delta", (0.0, 0.0, 0.0)),
-    PlateKind("linear-delta", (0.0, 0.0, 0.0), on_rails=True),
+PLATE_KINDS: Mapping[str, PlateKind] = MappingProxyType(
+    {
+        kind.name: kind
+        for kind in (
+            PAR4,
+            PlateKind("h4", (-0.5, -0.5, 0.5, 0.5), HINGE),
+            PlateKind("i4r", (0.0, 0.0, 1.0, 1.0), SLIDE),
+            PlateKind("i4l", (0.0, 0.0, 1.0, 1.0), SLIDE, on_rails=True),
+            PlateKind("delta", (0.0, 0.0, 0.0)),
+            PlateKind("linear-delta", (0.0, 0.0, 0.0), on_rails=True),
+        )
+    }
 )
-KINDS: Mapping[str, PlateKind] = MappingProxyType({kind.name: kind for kind in ALL_KINDS})
 """Kinds of rods under a plate."""
 
 ON_PLATFORM = (Field("plate_x", "mm"), Field("plate_y", "mm"), Field("plate_z", "mm"))
@@ -359,7 +363,7 @@ BAR_KINDS: Mapping[str, BarKind] = MappingProxyType(
     }
 )
 """Kinds of bars: a further one is a further row."""
-TWINS: Mapping[str, Kind] = MappingProxyType({**KINDS, **BAR_KINDS})
+TWINS: Mapping[str, Kind] = MappingProxyType({**PLATE_KINDS, **BAR_KINDS})
 """Kinds that are simulated by parts of this package."""
 
 

@@ -98,26 +98,30 @@ class Assembly:
 
 
 def assemble(
-    rods: RodMechanism, truth: Geometry, position_mm: Array, theta_rad: float, growth: Growth = COLD
+    mechanism: RodMechanism,
+    truth: Geometry,
+    position_mm: Array,
+    theta_rad: float,
+    growth: Growth = COLD,
 ) -> Assembly:
     """Assemble the robot at a pose by its contracted geometry, |θ| < 90°.
 
     Raises `sim.robot.assembly.OutOfReach` or `AssemblyLost`.
     """
     joints = joints_for(truth, position_mm, theta_rad)
-    guess = Plate.level(rods.kind, position_mm, theta_rad)
-    return restore(rods, joints, guess, growth)
+    guess = Plate.level(mechanism.kind, position_mm, theta_rad)
+    return restore(mechanism, joints, guess, growth)
 
 
-def restore(rods: Mechanism, joints: Array, guess: Plate, growth: Growth = COLD) -> Assembly:
+def restore(mechanism: Mechanism, joints: Array, guess: Plate, growth: Growth = COLD) -> Assembly:
     """Solve the assembly at joints near a plate's guess; raises `AssemblyLost`."""
-    settled = rods.settle(joints, guess, growth)
-    if not _is_whole(rods.kind, settled):
-        raise _assembly_lost(rods.kind, joints, 0.0)
-    return Assembly(joints, settled.plate, rods.side(settled.jacobian))
+    settled = mechanism.settle(joints, guess, growth)
+    if not _is_whole(mechanism.kind, settled):
+        raise _assembly_lost(mechanism.kind, joints, 0.0)
+    return Assembly(joints, settled.plate, mechanism.side(settled.jacobian))
 
 
-def follow(rods: Mechanism, start: Assembly, target: Array, growth: Growth = COLD) -> Assembly:
+def follow(mechanism: Mechanism, start: Assembly, target: Array, growth: Growth = COLD) -> Assembly:
     """Move the joints in a straight line to the target, in steps small enough to stay assembled.
 
     Raises `AssemblyLost` with the part of the line that could be followed.
@@ -125,36 +129,36 @@ def follow(rods: Mechanism, start: Assembly, target: Array, growth: Growth = COL
     # A step that fails is halved, since a long one may have jumped to another assembly; below
     # `SMALLEST_STEP_RAD` the way is closed. After a success the full step is tried again.
     change = target - start.joints
-    length_rad = float((np.abs(change) / rods.kind.scales).max())
+    length_rad = float((np.abs(change) / mechanism.kind.scales).max())
     if length_rad == 0.0:
-        return restore(rods, target, start.plate, growth)
+        return restore(mechanism, target, start.plate, growth)
     assembly, part, step = start, 0.0, STEP_RAD / length_rad
     while part < 1.0:
         tried = min(part + step, 1.0)
         at_end = tried == 1.0
         joints = target if at_end else start.joints + tried * change
         settled_mm = SETTLED_MM if at_end else ON_THE_WAY_MM
-        candidate = _step(rods, assembly, joints, growth, settled_mm)
+        candidate = _step(mechanism, assembly, joints, growth, settled_mm)
         if candidate is not None:
             assembly, part, step = candidate, tried, STEP_RAD / length_rad
         elif step * length_rad > SMALLEST_STEP_RAD:
             step *= 0.5
         else:
-            raise _assembly_lost(rods.kind, joints, part)
+            raise _assembly_lost(mechanism.kind, joints, part)
     return assembly
 
 
 def _step(
-    rods: Mechanism, here: Assembly, joints: Array, growth: Growth, settled_mm: float
+    mechanism: Mechanism, here: Assembly, joints: Array, growth: Growth, settled_mm: float
 ) -> Assembly | None:
     """Return the assembly after one step of the joints; None when the step may have left it."""
     try:
-        settled = rods.settle(joints, here.plate, growth, settled_mm)
+        settled = mechanism.settle(joints, here.plate, growth, settled_mm)
     except AssemblyLost:
         return None
     jump_mm = float(np.abs(settled.plate.position_mm - here.plate.position_mm).max())
-    is_same = rods.side(settled.jacobian) == here.side and jump_mm < JUMP_LIMIT_MM
-    if not is_same or not _is_whole(rods.kind, settled):
+    is_same = mechanism.side(settled.jacobian) == here.side and jump_mm < JUMP_LIMIT_MM
+    if not is_same or not _is_whole(mechanism.kind, settled):
         return None
     return Assembly(joints, settled.plate, here.side)
 

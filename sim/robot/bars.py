@@ -17,7 +17,7 @@ campaign on it tests plan, files and σ; it cannot test the equations, which are
 """
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
@@ -35,6 +35,7 @@ from sim.robot.rods import (
     SETTLED_MM,
     Z_INDEX,
     Growth,
+    Mechanism,
     Plate,
     Settled,
     turned,
@@ -91,8 +92,8 @@ EquationsOf = Callable[[Mapping[str, float]], Equations]
 """Returns the equations of a robot by its parameters, flat names, mm and deg."""
 
 
-class FreeMechanism(ABC):
-    """Mechanism whose platform is one body: a `Mechanism`, and its inverse."""
+class FreeMechanism(Mechanism):
+    """Mechanism whose platform is one body, and its inverse."""
 
     def __init__(self, kind: Kind) -> None:
         self.kind = kind
@@ -101,30 +102,22 @@ class FreeMechanism(ABC):
     def joints_for(self, pose: Array) -> Array:
         """Return the joints (n,) of a pose (6,); raises `OutOfReach`."""
 
-    @abstractmethod
-    def settle(
-        self, joints: Array, guess: Plate, growth: Growth = COLD, settled_mm: float = SETTLED_MM
-    ) -> Settled:
-        """Solve the platform near a guess; raises `AssemblyLost`."""
-
+    @override
     def side(self, jacobian: Array) -> float:
-        """Return the sign of the misfits' determinant; 1 where there is none."""
+        # the sign of the misfits' determinant; 1 where there is none
         rows, columns = jacobian.shape
         return float(np.sign(np.linalg.det(jacobian))) if rows == columns else 1.0
 
+    @override
     def plate_of(self, unknowns: Array) -> Plate:
-        """Return the platform at a pose (6,)."""
         return TurningPlate(unknowns)
 
-    def reflector_mm(self, plate: Plate, offset_mm: Array, half: int | None = None) -> Array:  # noqa: ARG002 - it has no halves
-        """Return the place (3,) of a reflector at an offset from the controlled point."""
+    @override
+    def reflector_mm(self, plate: Plate, offset_mm: Array, half: int | None = None) -> Array:
         return np.asarray(plate.position_mm + plate.rotation @ offset_mm)
 
+    @override
     def heights_by_joints(self, joints: Array, plate: Plate) -> tuple[Array, Array]:
-        """Return the rise of each joint's own part, and of the platform, by the joint, (n,) each.
-
-        In mm per rad or mm.
-        """
         near, whole = np.empty(len(joints)), np.empty(len(joints))
         for joint, step in enumerate(LIFT_STEP * self.kind.scales):
             change = step * np.eye(len(joints))[joint]
@@ -262,5 +255,5 @@ def free_mechanism(
             remedy="make a campaign with `pkmcal new DIR --robot FILE`, or dry-run it",
         )
     # without errors of gears and encoders, which the cell adds before and its controller after
-    known = (*kind.names, *kind.extensions)
-    return StatedMechanism(kind, equations({name: flat[name] for name in known if name in flat}))
+    names = [name for name in (*kind.names, *kind.extensions) if name in flat]
+    return StatedMechanism(kind, equations({name: flat[name] for name in names}))

@@ -84,7 +84,7 @@ class DrivenRobot:
 
     def __init__(
         self,
-        rods: Mechanism,
+        mechanism: Mechanism,
         behaviour: Behaviour,
         mount: SeenReflector,
         standing: Standing,
@@ -92,7 +92,7 @@ class DrivenRobot:
         worked: WorkedTime,
         arrivals: Attempts,
     ) -> None:
-        self._rods = rods
+        self._mechanism = mechanism
         self._behaviour = behaviour
         self._mount = mount
         self._worked = worked
@@ -113,7 +113,7 @@ class DrivenRobot:
             # and the scatter of an arrival could carry it beyond
             self._ahead = self.standing.assembly
             change = np.abs(encoders - self.standing.encoders)
-            length_rad = float((change / self._rods.kind.scales).max())
+            length_rad = float((change / self._mechanism.kind.scales).max())
             return max(0.0, lost.part - SHORT_OF_THE_EDGE_RAD / length_rad)
         return 1.0
 
@@ -150,7 +150,7 @@ class DrivenRobot:
         if np.array_equal(encoders, standing.encoders):
             # solved again, since parts may have grown while the robot stood; the joints stay
             at_rest = standing.assembly
-            now = restore(self._rods, at_rest.joints, at_rest.plate, self._growth())
+            now = restore(self._mechanism, at_rest.joints, at_rest.plate, self._growth())
             return self._locate_reflector(now, standing.displaced_mm)
         on_the_way = self._follow_encoders(standing.assembly, encoders)
         return self._locate_reflector(on_the_way, np.zeros(3))
@@ -163,11 +163,11 @@ class DrivenRobot:
         """Return the assembly after a path to joints, which then yield under the weights."""
         # The torques are those of the rigid pose: yielding by arc minutes hardly changes them,
         # so one correction is enough.
-        rigid, load = follow(self._rods, start, joints, self._growth()), self._behaviour.load
+        rigid, load = follow(self._mechanism, start, joints, self._growth()), self._behaviour.load
         if np.isinf(load.stiffness).all():
             return rigid
-        yielded = joints + load.yielding(self._rods, joints, rigid.plate)
-        return restore(self._rods, yielded, rigid.plate, self._growth())
+        yielded = joints + load.yielding(self._mechanism, joints, rigid.plate)
+        return restore(self._mechanism, yielded, rigid.plate, self._growth())
 
     def _play_at(self, encoders: Array) -> Array:
         """Return each joint's play (n,) at encoder readings, by the way from the last standing."""
@@ -183,5 +183,5 @@ class DrivenRobot:
 
     def _locate_reflector(self, assembly: Assembly, displaced_mm: Array) -> SeenReflector:
         rotation, mount = assembly.plate.rotation, self._mount
-        point_mm = self._rods.reflector_mm(assembly.plate, mount.point_mm, mount.half)
+        point_mm = self._mechanism.reflector_mm(assembly.plate, mount.point_mm, mount.half)
         return SeenReflector(point_mm + displaced_mm, rotation @ mount.facing)

@@ -18,10 +18,12 @@ The file begins with rotations by three angles about fixed axes, and their deriv
 """
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple, Self
 
 import numpy as np
+from typing_extensions import override
 
 from sim.errors import AssemblyLost
 from sim.geometry import UP, Array, Geometry, Kind, PlateKind
@@ -136,32 +138,45 @@ class Settled(NamedTuple):
     """(2n, u): derivative of the misfits by the platform's unknowns."""
 
 
-class Mechanism(Protocol):
+class Mechanism(ABC):
     """A robot's parts and their closure. Holds no state: joints in, plate out."""
 
-    @property
-    def kind(self) -> Kind:
-        """Its joints and parameters."""
+    kind: Kind
+    """Its joints and parameters."""
 
+    @abstractmethod
     def plate_of(self, unknowns: Array) -> Plate:
         """Return the platform with these unknowns, (u,)."""
 
+    @abstractmethod
     def settle(
         self, joints: Array, guess: Plate, growth: Growth = COLD, settled_mm: float = SETTLED_MM
     ) -> Settled:
-        """Solve the platform near a guess; raises `AssemblyLost`."""
+        """Solve the platform near a guess, until a step is below `settled_mm`.
 
+        Raises `AssemblyLost` if that does not happen within 25 steps.
+        """
+
+    @abstractmethod
     def side(self, jacobian: Array) -> float:
         """Return a sign that changes in singularities, by a settled platform's derivative."""
 
+    @abstractmethod
     def reflector_mm(self, plate: Plate, offset_mm: Array, half: int | None = None) -> Array:
-        """Return the place (3,) of a reflector at an offset from the controlled point."""
+        """Return the place (3,) of a reflector at an offset from the controlled point, on its part.
 
+        With `half`, 1 or 2, the offset begins at the joints of that half.
+        """
+
+    @abstractmethod
     def heights_by_joints(self, joints: Array, plate: Plate) -> tuple[Array, Array]:
-        """Return the rise of each joint's own part, and of the platform, by the joint, (n,)."""
+        """Return the rise of each joint's own part, and of the platform, by the joint, (n,) each.
+
+        In mm per rad or mm. Times the weights there they are each joint's torque, by virtual work.
+        """
 
 
-class RodMechanism:
+class RodMechanism(Mechanism):
     """Mechanism of arms that hold a plate by two rods each."""
 
     def __init__(self, truth: Geometry, build: Build) -> None:
@@ -186,8 +201,8 @@ class RodMechanism:
         self._anchors_mm = _pairs(build.plate_joints_mm, half_bar_mm * bars)
         self._rods_mm = (truth.forearms_mm[:, None] + build.rod_errors_mm).ravel()
 
+    @override
     def plate_of(self, unknowns: Array) -> Plate:
-        """Return the plate with these unknowns, (u,)."""
         return Plate(unknowns)
 
     def elbows_mm(self, joints: Array, growth: Growth = COLD) -> Array:
@@ -224,11 +239,8 @@ class RodMechanism:
             jacobian[:, 6] = np.einsum("ri,ri->r", along, moved)
         return lengths_mm - (1.0 + growth.forearms) * self._rods_mm, jacobian
 
+    @override
     def reflector_mm(self, plate: Plate, offset_mm: Array, half: int | None = None) -> Array:
-        """Return the place (3,) of a reflector at an offset from the controlled point, on its part.
-
-        With `half`, 1 or 2, the offset begins at the joints of that half.
-        """
         # An H4's crossbar turns and takes the offset with it, unless the offset is along its axis.
         # The halves of all other platforms keep their orientation.
         if half is not None:
@@ -238,16 +250,14 @@ class RodMechanism:
             offset_mm = _about(2, plate.theta_rad)[0] @ offset_mm
         return np.asarray(plate.position_mm + plate.rotation @ offset_mm)
 
+    @override
     def settle(
         self, joints: Array, guess: Plate, growth: Growth = COLD, settled_mm: float = SETTLED_MM
     ) -> Settled:
-        """Solve the plate near a guess by Gauss-Newton, until a step is below `settled_mm`.
-
-        Raises `AssemblyLost` if that does not happen within 25 steps.
-        """
-        # Angles are scaled to mm of motion while the step is computed: at a nearly singular pose
-        # `lstsq` judges by singular values, which must have one unit. No step is limited: callers
-        # come in small steps from a settled neighbour (`follow`) or with a guess close by.
+        # Gauss-Newton. Angles are scaled to mm of motion while the step is computed: at a nearly
+        # singular pose `lstsq` judges by singular values, which must have one unit. No step is
+        # limited: callers come in small steps from a settled neighbour (`follow`) or with a guess
+        # close by.
         elbows_mm = self.elbows_mm(joints, growth)
         unknowns = guess.unknowns
         for _ in range(MOST_ITERATIONS):
@@ -262,24 +272,18 @@ class RodMechanism:
                 return Settled(Plate(unknowns), misfits_mm, jacobian)
         raise unsettled(self.kind, joints)
 
+    @override
     def side(self, jacobian: Array) -> float:
-        """Return the sign of the forearms' determinant by x, y, z, θ: it changes in singularities.
-
-        `jacobian` is that of a settled plate.
-        """
-        # The sum of an arm's two rods is its forearm. Three or four forearms by three or four
-        # unknowns are a square matrix; the orientation, which the differences of rods hold, is left
-        # out.
+        # The sign of the forearms' determinant by x, y, z, θ. The sum of an arm's two rods is its
+        # forearm. Three or four forearms by three or four unknowns are a square matrix; the
+        # orientation, which the differences of rods hold, is left out.
         rods, unknowns = jacobian.shape
         by_pose = [0, 1, 2, *range(6, unknowns)]
         forearms = jacobian.reshape(rods // 2, 2, unknowns).sum(axis=1)[:, by_pose]
         return float(np.sign(np.linalg.det(forearms)))
 
+    @override
     def heights_by_joints(self, joints: Array, plate: Plate) -> tuple[Array, Array]:
-        """Return the rise of each joint's elbow, and of the plate, by the joint, (n,) each.
-
-        In mm per rad or mm. Times the weights there they are each joint's torque, by virtual work.
-        """
         # 1. Misfits stay least while the elbows move: the plate's motion is the pseudo-inverse of
         #    the misfits' derivative times what the elbows' motion takes from each rod's distance.
         # 2. Of that motion only the row of z is needed.

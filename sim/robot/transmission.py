@@ -79,11 +79,11 @@ class Load:
     stiffness: float | Array = math.inf
     """Stiffness of each gear beyond its encoder, N mm/rad, or of a carriage's drive, N/mm, (n,)."""
 
-    def yielding(self, rods: Mechanism, joints: Array, plate: Plate) -> Array:
+    def yielding(self, mechanism: Mechanism, joints: Array, plate: Plate) -> Array:
         """Return the motion (n,) by which each joint gives way, rad or mm."""
         # A weight times its rise by a joint is that joint's torque; over the stiffness it is the
         # motion, against the rise. The encoder is on the motor's side and does not see it.
-        elbow, whole = rods.heights_by_joints(joints, plate)
+        elbow, whole = mechanism.heights_by_joints(joints, plate)
         return -(self.at_elbow_n * elbow + self.at_plate_n * whole) / self.stiffness
 
 

@@ -106,15 +106,15 @@ def adapted(text: str, robot: WantedRobot) -> str:
 
 def _fit_reflector(section: CommentedMap, robot: WantedRobot) -> None:
     """Put the reflector where the robot file has it, or where a part that turns leaves it."""
-    kind, mount = robot.kind, section.setdefault("reflector", CommentedMap())
-    if not isinstance(kind, PlateKind):
-        mount["offset_mm"] = _row(*robot.reflector_mm)
-    elif kind.turns_point:
+    kind, offset_mm = robot.kind, robot.reflector_mm
+    if isinstance(kind, PlateKind):
+        if not kind.turns_point:
+            return
         # the part at the point turns with its reflector: only on its axis does it stay in place
-        mount["offset_mm"] = _row(0.0, 0.0, -45.0)
+        offset_mm = (0.0, 0.0, -45.0)
+    section.setdefault("reflector", CommentedMap())["offset_mm"] = _row(*offset_mm)
+    if isinstance(kind, PlateKind):
         section.yaml_add_eol_comment("the part at the point turns: on its axis", "reflector")
-    if not mount:
-        section.pop("reflector")
 
 
 def _fit_controller(controller: CommentedMap, robot: WantedRobot) -> None:

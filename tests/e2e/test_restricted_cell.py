@@ -61,7 +61,7 @@ class Recorder:
     def _follow(self, robot, path):
         assembly = robot.standing.assembly
         for joints in path[:: LOOKS // TRUE_LOOKS]:
-            assembly = follow(robot._rods, assembly, joints)
+            assembly = follow(robot._mechanism, assembly, joints)
             self.true_points.append(assembly.plate.position_mm)
 
     def points(self):

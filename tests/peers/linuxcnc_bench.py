@@ -18,7 +18,7 @@ from drivers.declaration import RobotSurroundings
 from drivers.ports import SystemClock
 from drivers.robotline import LineRobot, RobotlineDeadlines
 from drivers.transport import CONNECT_S, opener_of
-from sim.geometry import KINDS
+from sim.geometry import PLATE_KINDS
 from sim.servers.robotline_server import layout_of
 
 LACKING = why_not()
@@ -61,7 +61,7 @@ class Bench:
     def __init__(self, linuxcnc, robot_file=NOMINAL, deadlines=PATIENT):
         self.linuxcnc = linuxcnc
         self.transports = []
-        kind = KINDS[robot_file.mechanism.name]
+        kind = PLATE_KINDS[robot_file.mechanism.name]
         given = RobotSurroundings(
             open_transport=self.open, clock=SystemClock(), layout=layout_of(kind, kind.optional)
         )

@@ -10,7 +10,7 @@ from campaigns.fit.rigid_transforms import fit_transform, from_paper_angles
 from campaigns.kinematics.transmission import approach_along
 from campaigns.robots.robot import find_robot
 from campaigns.shots.shots import Shots
-from sim.geometry import KINDS, geometry_of
+from sim.geometry import PLATE_KINDS, geometry_of
 from sim.robot.rods import Build, RodMechanism
 from sim.robot.transmission import Transmission
 
@@ -48,7 +48,7 @@ class RodRobot:
 
     def __init__(self, robot, errors, seed, reflector_mm=None):
         rng = np.random.default_rng([seed, 1])
-        kind, arms = KINDS[robot.mechanism.name], robot.mechanism.parameters.arms
+        kind, arms = PLATE_KINDS[robot.mechanism.name], robot.mechanism.parameters.arms
         self.plate = robot.mechanism.plate
         self.reflector_mm = np.array(
             self.plate.reflector_mm if reflector_mm is None else reflector_mm

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from family_cases import ALL_MEMBERS, all_members
 
-from sim.geometry import KINDS, geometry_of
+from sim.geometry import PLATE_KINDS, geometry_of
 from sim.robot.assembly import joints_for
 from sim.robot.rods import Build, Plate, RodMechanism
 
@@ -15,7 +15,7 @@ POSES = 20
 
 
 def kind_of(member):
-    return KINDS[member.name]
+    return PLATE_KINDS[member.name]
 
 
 def twin(member, robot, *, rods_mm=0.0, tilts_rad=0.0, leans_rad=0.0, seed=0):

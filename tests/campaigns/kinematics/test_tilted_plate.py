@@ -12,7 +12,7 @@ from campaigns.kinematics.catalog import PAR4
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.platforms import PlateGeometry
 from campaigns.robots.robot import find_robot, parse_robot
-from sim.geometry import KINDS, geometry_of
+from sim.geometry import PLATE_KINDS, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism, turned
 
 DRAWING = PlateGeometry(
@@ -60,7 +60,7 @@ def test_a_drawing_is_read_from_the_robot_s_file_and_typical_without_one():
 
 def rods_of(member, rods_mm, tilts_rad, leans_rad):
     """Simulator's rods of a member, and the model's robot of the same parts."""
-    space, plate, kind = member.space, member.mechanism.plate, KINDS[member.name]
+    space, plate, kind = member.space, member.mechanism.plate, PLATE_KINDS[member.name]
     flat = member.nominal.parameters
     geometry = geometry_of({name: flat[name] for name in kind.names}, kind)
     leans = leans_rad if kind.on_rails else None

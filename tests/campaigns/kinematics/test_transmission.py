@@ -13,7 +13,7 @@ from campaigns.kinematics.parameters import Role
 from campaigns.kinematics.transmission import approach_along, terms
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import read_shots
-from sim.geometry import KINDS, geometry_of
+from sim.geometry import PLATE_KINDS, geometry_of
 from sim.robot.rods import Build, Growth, Plate, RodMechanism
 
 SIZES = {"deg": np.radians(0.03), "mm": 0.04, "ppm": 300e-6}
@@ -115,7 +115,7 @@ def test_a_mechanism_has_one_rate_for_all_joints_or_one_for_each():
 def test_warm_parts_move_points_as_independent_rods_do(member, part):
     """Arms or scales of rails, forearms, and the frame from its origin to where the limbs are."""
     robot, share = member.nominal.controlled, 1e-5
-    kind, flat, level = KINDS[member.name], robot.parameters, np.zeros(member.space.arms)
+    kind, flat, level = PLATE_KINDS[member.name], robot.parameters, np.zeros(member.space.arms)
     build = Build(np.array(robot.mechanism.plate.joints_mm), 80.0, np.zeros((len(level), 2)), level)
     rods = RodMechanism(geometry_of({name: flat[name] for name in kind.names}, kind), build)
     poses = member.reachable_poses(robot, 5, seed=6, limits=member.well_inside)

@@ -150,4 +150,4 @@ def test_the_way_to_a_singularity_is_open_only_short_of_it():
     assert 0.0 < part < 1.0
     edge = home + part * (target - home)
     robot.arrive(edge, target_key(edge))
-    assert abs(follow(robot._rods, robot.standing.assembly, home).plate.theta_rad) < 1e-9
+    assert abs(follow(robot._mechanism, robot.standing.assembly, home).plate.theta_rad) < 1e-9

@@ -5,7 +5,7 @@ from math import cos, radians, sin
 import numpy as np
 import pytest
 
-from sim.geometry import KINDS, PAR4
+from sim.geometry import PAR4, PLATE_KINDS
 from sim.robot.transmission import Transmission, readings_for
 
 JOINTS = np.radians([10.0, -20.0, 35.0, 60.0])
@@ -47,7 +47,7 @@ def test_a_joint_takes_up_its_backlash_on_the_way(present_deg, ahead):
 
 
 def test_carriages_have_millimetres():
-    kind = KINDS["linear-delta"]
+    kind = PLATE_KINDS["linear-delta"]
     flat = {f"arm{arm}.backlash_mm": 0.2 for arm in range(3)}
     readings = readings_for(flat, kind, 0.6, np.zeros(3), np.full(3, -5.0))
     np.testing.assert_allclose(readings, 0.1, atol=1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from family_cases import ALL_MEMBERS
 
-from sim.geometry import KINDS, geometry_of
+from sim.geometry import PLATE_KINDS, geometry_of
 from sim.robot.rods import Build, Plate, RodMechanism
 from sim.robot.transmission import Load, Transmission
 
@@ -43,7 +43,7 @@ def test_a_ratio_and_a_screw_are_off_along_the_way():
 @pytest.mark.parametrize("member", ALL_MEMBERS, ids=lambda each: each.name)
 def test_torques_of_the_weight_are_the_plates_rise(member):
     """By virtual work, against plates that have settled a little beside."""
-    robot, kind = member.nominal, KINDS[member.name]
+    robot, kind = member.nominal, PLATE_KINDS[member.name]
     geometry = geometry_of({name: robot.parameters[name] for name in member.space.names}, kind)
     arms = kind.arms
     aside = 50.0 * geometry.outward

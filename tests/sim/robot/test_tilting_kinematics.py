@@ -9,11 +9,11 @@ import pytest
 from campaigns.kinematics.parameters import Role
 from campaigns.kinematics.platforms import PlateGeometry as Drawing
 from campaigns.robots.robot import RobotFile, find_robot
-from sim.geometry import KINDS, geometry_of
+from sim.geometry import PLATE_KINDS, geometry_of
 from sim.robot.assembly import OutOfReach, joints_for
 from sim.robot.tilting_kinematics import KnownPlate, tilted_joints_for
 
-ROBOTS = {name: "par4-prototype" if name == "par4" else name for name in KINDS}
+ROBOTS = {name: "par4-prototype" if name == "par4" else name for name in PLATE_KINDS}
 SPACING_MM = 80.0
 POSES = 4
 LEFT_RMS_MM = 4e-4
@@ -27,7 +27,7 @@ def rms(errors):
 def drawn(name):
     """A robot with rods off by some 0.05 mm, axes and bars off by 0.5 mrad, and poses in reach."""
     draw, nominal = np.random.default_rng(3), find_robot(ROBOTS[name]).robot
-    space, kind = nominal.mechanism.parameters, KINDS[name]
+    space, kind = nominal.mechanism.parameters, PLATE_KINDS[name]
     outward = geometry_of(dict(nominal.parameters), kind).outward
     drawing = KnownPlate(50.0 * outward, SPACING_MM, np.array([0.0, 0.0, -45.0]))
     plate = Drawing(
@@ -60,7 +60,7 @@ def drawn(name):
     return robot, kind, drawing, poses[feasible][:POSES]
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", PLATE_KINDS)
 def test_rods_put_the_reflector_where_the_models_tilted_plate_has_it(name):
     robot, kind, drawing, poses = drawn(name)
     flat = dict(robot.parameters)
