@@ -15,7 +15,7 @@ from campaigns.files.wording import suggestion
 from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.catalog import FAMILY, MECHANISMS
 from campaigns.next_step import NextStep
-from campaigns.robots.pairs_of_legs import PAIR_DEG, robot_of_sizes
+from campaigns.robots.bar_robots import PAIR_DEG, robot_of_sizes
 from campaigns.robots.robot import RobotDocument, with_reflector, write_new_robot
 from campaigns.robots.symmetrical import Sizes, symmetrical_robot
 from drivers.texts import quoted

@@ -499,13 +499,13 @@ def _add_plate_and_drives(
 def _check_closures(mechanism: Mechanism, parameters: Parameters) -> None:
     """Raise `ConfigInvalid` for a mechanism that its own file states wrongly."""
     remedy = "correct sizes and limits, or the mechanism's file (docs/how-to/own-mechanism.md)"
-    groups = {parameter.field.group: parameter.field for parameter in parameters.table.rows}
-    for group in groups.keys() - SOURCES.keys():
-        raise ConfigInvalid(
-            f"{mechanism.name}: {groups[group].name} has the group {shown(group)}, which is no "
-            f"group of error sources ({suggestion(group, SOURCES)})",
-            remedy=remedy,
-        )
+    for row in parameters.table.rows:
+        if (group := row.field.group) not in SOURCES:
+            raise ConfigInvalid(
+                f"{mechanism.name}: {row.field.name} has the group {shown(group)}, which is no "
+                f"group of error sources ({suggestion(group, SOURCES)})",
+                remedy=remedy,
+            )
     if not isinstance(mechanism, ImplicitMechanism):
         return
     try:
@@ -521,15 +521,16 @@ def _limits(mechanism: Mechanism, limits: yaml_file.FileModel) -> Limits:
     """Return the limits of a file in mm and rad."""
     values = limits.model_dump()
 
-    def convert(axis: Axis, key: str) -> Interval | None:
-        interval = values.get(key)
-        return interval and (axis.from_file(interval[0]), axis.from_file(interval[1]))
+    def ends(axis: Axis, key: str) -> Interval:
+        low, high = values[key]
+        return axis.from_file(low), axis.from_file(high)
 
-    of_joints = [convert(axis, f"joint_{axis.unit}") or (0.0, 0.0) for axis in mechanism.joints]
+    of_joints = [ends(axis, f"joint_{axis.unit}") for axis in mechanism.joints]
     low, high = zip(*of_joints, strict=True)
     of_all = of_joints[0] if len({*of_joints}) == 1 else (low, high)
+    values |= {axis.column: (0.0, 0.0) for axis in mechanism.task if axis.is_fixed}
     of_task = tuple(
-        (0.0, 0.0) if axis.is_fixed else convert(axis, axis.column) for axis in mechanism.task
+        ends(axis, axis.column) if values.get(axis.column) else None for axis in mechanism.task
     )
     return Limits(of_all, of_task, math.radians(values.get("forearm_swing_deg", 0.0)))
 

@@ -11,7 +11,7 @@ any robot file, so that wrong sizes are refused before a file exists.
 
 import math
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from campaigns.errors import ConfigInvalid
@@ -57,7 +57,9 @@ def symmetrical_robot(
 
     Raise `ConfigInvalid` for a length that is missing or unknown, and for sizes that do not fit.
     """
-    _check_lengths(mechanism, sizes.lengths_mm)
+    fields = (*mechanism.parameters.arm_fields(), *mechanism.parameters.platform_fields())
+    needed = [field.stem for field in fields if field.quantity == "length"]
+    check_sizes(mechanism, [name.removesuffix("_mm") for name in sizes.lengths_mm], needed)
     flat = _parameters_of(mechanism, sizes)
     require_millimetres(Parameters.of(mechanism.parameters, flat), f"{name}.yaml")
     like = shipped_of(mechanism).robot
@@ -77,19 +79,18 @@ def symmetrical_robot(
     )
 
 
-def _check_lengths(mechanism: ClosedChain, lengths_mm: Mapping[str, float]) -> None:
-    space = mechanism.parameters
-    fields = (*space.arm_fields(), *space.platform_fields())
-    needed = [field.name for field in fields if field.quantity == "length"]
-    options = {field: f"--{field.removesuffix('_mm')}" for field in (*needed, *lengths_mm)}
-    for field in needed:
-        if field not in lengths_mm:
+def check_sizes(
+    mechanism: Mechanism, sizes: Sequence[str], needed: Sequence[str], optional: Sequence[str] = ()
+) -> None:
+    """Raise `ConfigInvalid` for the name of a size's option that is missing or unknown."""
+    for size in needed:
+        if size not in sizes:
             raise ConfigInvalid(
-                f"{options[field]} is missing", remedy=f"give it in mm: {mechanism.name} has it"
+                f"--{size} is missing", remedy=f"give it in mm: {mechanism.name} has it"
             )
-    for field in lengths_mm:
-        if field not in needed:
-            raise ConfigInvalid(f"{mechanism.name} has no {options[field]}", remedy="leave it out")
+    for size in sizes:
+        if size not in (*needed, *optional):
+            raise ConfigInvalid(f"{mechanism.name} has no --{size}", remedy="leave it out")
 
 
 def _heading(mechanism: ClosedChain, name: str, sizes: Sizes) -> list[str]:

@@ -20,9 +20,9 @@ from campaigns.kinematics.feasibility import Limits
 from campaigns.kinematics.mechanism import Kinematics
 from campaigns.kinematics.parameters import Parameters
 from campaigns.robots.robot import RobotDocument, require_millimetres
-from campaigns.robots.symmetrical import TYPICAL_LIMITS, comment, lines_of, read_lines
+from campaigns.robots.symmetrical import TYPICAL_LIMITS, check_sizes, comment, lines_of, read_lines
 
-Sizes = Mapping[str, float]
+SizeByOption = Mapping[str, float]
 """Sizes by the names of their options, mm or deg."""
 
 PAIR_DEG = 5.0
@@ -36,25 +36,16 @@ NEEDED: Mapping[str, tuple[str, ...]] = {
     HEXAGLIDE.name: ("base", "platform", "forearm", "travel"),
     FIVE_BAR.name: ("base", "arm", "forearm"),
 }
-"""Sizes that each mechanism needs."""
-BY_NAME: Mapping[str, Mechanism] = {each.name: each for each in (HEXAPOD, HEXAGLIDE, FIVE_BAR)}
+"""SizeByOption that each mechanism needs."""
 
 
-def robot_of_sizes(mechanism: Mechanism, name: str, sizes: Sizes) -> RobotDocument:
+def robot_of_sizes(mechanism: Mechanism, name: str, sizes: SizeByOption) -> RobotDocument:
     """Make a robot of these sizes, with typical limits.
 
     Raise `ConfigInvalid` for a size that is missing or unknown, and for sizes that do not fit.
     """
     optional = () if mechanism.name == FIVE_BAR.name else ("pair", "first")
-    needed = NEEDED[mechanism.name]
-    for size in needed:
-        if size not in sizes:
-            raise ConfigInvalid(
-                f"--{size} is missing", remedy=f"give it in mm: {mechanism.name} has it"
-            )
-    for size in sizes:
-        if size not in (*needed, *optional):
-            raise ConfigInvalid(f"{mechanism.name} has no --{size}", remedy="leave it out")
+    check_sizes(mechanism, [*sizes], NEEDED[mechanism.name], optional)
     flat, limits = MAKERS[mechanism.name](sizes)
     require_millimetres(Parameters.of(mechanism.parameters, flat), f"{name}.yaml")
     middle = np.array([0.5 * sum(ends) for ends in limits.task if ends is not None])
@@ -70,7 +61,7 @@ def robot_of_sizes(mechanism: Mechanism, name: str, sizes: Sizes) -> RobotDocume
     return read_lines([*heading, *lines_of(mechanism, name, flat, limits)], name)
 
 
-def _hexapod(sizes: Sizes) -> tuple[dict[str, float], Limits]:
+def _hexapod(sizes: SizeByOption) -> tuple[dict[str, float], Limits]:
     """Return a hexapod's parameters by name, mm and deg, and its limits."""
     shortest, longest = sizes["shortest"], sizes["longest"]
     if not shortest < longest:
@@ -84,7 +75,7 @@ def _hexapod(sizes: Sizes) -> tuple[dict[str, float], Limits]:
     return _values(sizes, {"joint_offset_mm": shortest}), limits
 
 
-def _hexaglide(sizes: Sizes) -> tuple[dict[str, float], Limits]:
+def _hexaglide(sizes: SizeByOption) -> tuple[dict[str, float], Limits]:
     """Return the parameters of a hexaglide on upright rails, mm and deg, and its limits."""
     travel, forearm = sizes["travel"], sizes["forearm"]
     box = (0.25 * forearm, 0.25 * forearm, 0.25 * travel)
@@ -93,7 +84,7 @@ def _hexaglide(sizes: Sizes) -> tuple[dict[str, float], Limits]:
     return _values(sizes, upright | {"forearm_mm": forearm}), limits
 
 
-def _five_bar(sizes: Sizes) -> tuple[dict[str, float], Limits]:
+def _five_bar(sizes: SizeByOption) -> tuple[dict[str, float], Limits]:
     """Return a five-bar's parameters by name, mm and deg, and its limits.
 
     Its motors are on x, the point is on the side of y, and cranks point there at reading 0.
@@ -113,14 +104,14 @@ def _five_bar(sizes: Sizes) -> tuple[dict[str, float], Limits]:
     return flat, Limits((-crank, crank), task)
 
 
-MAKERS: Mapping[str, Callable[[Sizes], tuple[dict[str, float], Limits]]] = {
+MAKERS: Mapping[str, Callable[[SizeByOption], tuple[dict[str, float], Limits]]] = {
     HEXAPOD.name: _hexapod,
     HEXAGLIDE.name: _hexaglide,
     FIVE_BAR.name: _five_bar,
 }
 
 
-def _values(sizes: Sizes, same: Mapping[str, float]) -> dict[str, float]:
+def _values(sizes: SizeByOption, same: Mapping[str, float]) -> dict[str, float]:
     """Return the parameters of six legs by name: their places, and values that all have."""
     flat: dict[str, float] = {}
     for leg, (base, platform) in enumerate(zip(*_places_mm(sizes), strict=True)):
@@ -131,7 +122,7 @@ def _values(sizes: Sizes, same: Mapping[str, float]) -> dict[str, float]:
     return flat
 
 
-def _places_mm(sizes: Sizes) -> tuple[Array, Array]:
+def _places_mm(sizes: SizeByOption) -> tuple[Array, Array]:
     """Return the legs' joints on the base and on the platform, (6, 3) each, mm."""
     pair, first = sizes.get("pair", PAIR_DEG), sizes.get("first", 0.0)
     signs, third = np.tile([1.0, -1.0], 3), np.repeat([0.0, 120.0, 240.0], 2)
@@ -146,7 +137,7 @@ def _places_mm(sizes: Sizes) -> tuple[Array, Array]:
 
 
 def _limits_of_turning(
-    sizes: Sizes, leg_mm: float, joint: Interval, box_mm: tuple[float, float, float]
+    sizes: SizeByOption, leg_mm: float, joint: Interval, box_mm: tuple[float, float, float]
 ) -> Limits:
     """Return limits about the pose at which all legs have a length, or carriages are at 0."""
     base, platform = _places_mm(sizes)
