@@ -22,7 +22,7 @@ from campaigns.errors import TargetsInvalid
 from campaigns.files.csv_file import CsvColumn, CsvForm, CsvRow, csv_text, number_text, parse_csv
 from campaigns.identification.positions import std_of_positions, std_of_rotations
 from campaigns.identification.result import ParameterCovariance, PositionStd, StoredLayer
-from campaigns.kinematics.axes import Axis
+from campaigns.kinematics.axes import TURNS, Axis
 from campaigns.kinematics.feasibility import Limits
 from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
 from campaigns.kinematics.transmission import approach_along
@@ -152,9 +152,9 @@ def correct_poses(
 ) -> CorrectedFile:
     """Correct the wanted poses of a CSV file's text, and return the text of the corrected file.
 
-    `form` is that of three turns; None: by their columns. Poses are reached in the order of
-    the rows. Raise `TargetsInvalid` naming the first line that
-    is wrong, or whose pose the robot cannot take.
+    `form` is that of three turns; None: by their columns. Poses are reached in the order of the
+    rows. Raise `TargetsInvalid` naming the first line that is wrong, or whose pose the robot cannot
+    take.
     """
     task = correction.identified.mechanism.task
     columns = axis_columns(task)
@@ -217,7 +217,7 @@ def _form(task: Sequence[Axis]) -> CsvForm:
 
 def _wanted(row: CsvRow, task: Sequence[Axis], form: TurnForm | None) -> tuple[float, ...]:
     """Return the pose (t,) of a row, mm and rad; raise `TargetsInvalid`."""
-    if not foreign_columns(task):
+    if turns_of(task) != TURNS:
         return axis_values(row, task)
     if not (turn := turn_values(row, task, form)):
         names = ",".join(axis_columns(turns_of(task)))
@@ -231,12 +231,13 @@ def _turned(task: Sequence[Axis], wanted: Array, commanded: Array) -> dict[str, 
 
     By name: of one turn the difference with its sign, of three the size of the turn between them.
     """
-    names = [axis.name for axis in task[len(AXES) :]]
-    if len(names) < len(AXES):
-        return dict(zip(names, (commanded - wanted)[:, len(AXES) :].T, strict=True))
+    before, after = wanted[:, len(AXES) :], commanded[:, len(AXES) :]
+    if turns_of(task) != TURNS:
+        names = (axis.name for axis in turns_of(task))
+        return dict(zip(names, (after - before).T, strict=True))
     rotation = scipy.spatial.transform.Rotation
-    first, second = (rotation.from_rotvec(poses[:, len(AXES) :]) for poses in (wanted, commanded))
-    return {"rotation": np.asarray((second * first.inv()).magnitude())}
+    turned = rotation.from_rotvec(after) * rotation.from_rotvec(before).inv()
+    return {"rotation": np.asarray(turned.magnitude())}
 
 
 def _rounded(value: float) -> str:

@@ -28,8 +28,7 @@ class RobotScatter:
     point_mm: float = 0.0
     """Of each coordinate."""
     joint: float = 0.0
-    """Of the first joint and those of its kind, rad or mm; of others in parts of their tolerance.
-    """
+    """Of the first joint, rad or mm; others scatter in parts of their tolerance as it does."""
     dof: float = math.inf
     """Degrees of freedom of the estimate."""
     kinematics: Kinematics | None = None

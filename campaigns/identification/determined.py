@@ -12,7 +12,6 @@ own axes.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -23,9 +22,9 @@ from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.fit import Fit
 from campaigns.fit.uncertainty import budget, length_std, without_axes
 from campaigns.identification.findings import NOT_DETERMINED, NOT_TESTED, TOO_UNCERTAIN, Finding
+from campaigns.identification.options import QuantityWord
 from campaigns.kinematics.mechanism import Kinematics
 
-QuantityWord = Literal["position", "rotation"]
 UNITS: Mapping[QuantityWord, str] = {"position": "mm", "rotation": "deg"}
 MOST_ASSUMED = 0.5
 """Share of a quantity's variance that may come from tolerances if shots determine it."""
@@ -64,7 +63,9 @@ class Determined:
 def assumed_share(fit: Fit, squares: Mapping[str, float]) -> float:
     """Return the share of tolerances whose size no shot estimates in the squares of `budget`."""
     variances, assumed = np.diag(fit.covariance), 0.0
-    for source in squares.keys() & (SOURCES.keys() - TRACKER_SOURCES.keys()):
+    for source in squares:
+        if source not in SOURCES or source in TRACKER_SOURCES:
+            continue
         places = fit.model.sized_groups.get(source)
         of_priors = np.inf
         if places is not None:

@@ -9,7 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from campaigns.arrays import Array
 from campaigns.errors import OptionsInvalid
@@ -20,7 +20,7 @@ from campaigns.kinematics.parameters import INNER, ParameterTable
 from campaigns.settings.option import Option
 from campaigns.settings.sections import KnownLengthConfig
 
-QUANTITIES = ("position", "rotation")
+QuantityWord = Literal["position", "rotation"]
 """What shots may determine."""
 MOST_HELD_OUT = 0.5
 LEAST_STD = 1e-6
@@ -146,9 +146,10 @@ class IdentificationOptions:
             )
         names = [name.strip() for text in self.quantities for name in text.split(",")]
         for name in names:
-            if name not in QUANTITIES:
+            if name not in get_args(QuantityWord):
                 raise OptionsInvalid(
-                    f"--for {shown(name)} is no quantity", remedy=suggestion(name, QUANTITIES)
+                    f"--for {shown(name)} is no quantity",
+                    remedy=suggestion(name, get_args(QuantityWord)),
                 )
         object.__setattr__(self, "quantities", tuple(dict.fromkeys(names)))
 

@@ -84,8 +84,8 @@ def correct_file(
     """Correct the poses of the CSV file `source`, and write wanted and commanded poses to `to`.
 
     `identified` is the robot file to correct with, as in `identified_set`, `turns` how the file
-    writes three turns. Raise `TargetsInvalid`
-    for a wrong row, `OutputExists` or `WriteFailed`, and as `identified_set` does.
+    writes three turns. Raise `TargetsInvalid` for a wrong row, `OutputExists` or `WriteFailed`,
+    and as `identified_set` does.
     """
     text = read_text(source, TargetsInvalid, if_missing="name a CSV file", most_bytes=CSV_BYTES)
     robot = identified_set(campaign, identified)
