@@ -53,8 +53,6 @@ SAME_POSE_SHARE = 0.1
 CUBE_FIGURES = ("pose accuracy AP, worst", "pose repeatability RP, worst")
 RP_DEVIATIONS = 3.0
 """Standard deviations in RP."""
-SIX_AXES = 6
-"""Coordinates of a pose with three turns, of which each is tested by itself."""
 NO_AXIS = -1
 SAME_PLACE_MM = 1e-6
 SAME_PLACE_SHARE = 0.01
@@ -374,6 +372,7 @@ def evaluate_validation(
     # 2. Bring points and covariances into the base frame, if it can be fitted. The pairs are spread
     #    over the workspace; lines and repeated poses would pull the frame towards their few places.
     commanded = np.column_stack([shots.commanded_points_mm, shots.commanded[:, 3:]])
+    levers_mm = shots.commanded_points_mm - shots.commanded[:, :3]
     points = shots.points_in_tracker_mm
     covariance, pairs = shots.covariance_mm2(instrument), shots.rows_of(ShotSet.VALIDATION)
     scatter = scatter_of_visits(shots) if scatter is None else scatter
@@ -398,7 +397,7 @@ def evaluate_validation(
     result = ValidationResult(
         distance_test(whole, commanded, points, noise, common),
         absolute_mm if in_base and len(pairs) else None,
-        rotation_test(commanded[rotation], points[rotation], noise[rotation]),
+        rotation_test(commanded[rotation], points[rotation], noise[rotation], levers_mm[rotation]),
         line_tests(commanded[lines], points[lines], noise[lines]),
         repeatability_test(commanded[repeated], points[repeated], noise[repeated], in_base=in_base),
         cube_tests(commanded[cube], points[cube], noise[cube], in_base=in_base),
@@ -474,13 +473,16 @@ def line_tests(commanded: Array, points_mm: Array, noise: PointNoise) -> tuple[L
     return tuple(lines)
 
 
-def rotation_test(commanded: Array, points_mm: Array, noise: PointNoise) -> RotationTest | None:
-    """Return the motion of the point while only the platform turns; None for one shot."""
+def rotation_test(
+    commanded: Array, points_mm: Array, noise: PointNoise, levers_mm: Array | float = 0.0
+) -> RotationTest | None:
+    """Return the motion of the point while only the platform turns; None for one shot.
+
+    `levers_mm` (N, 3) are those of the reflector from the controlled point, which turn with it.
+    """
     if len(points_mm) < 2:
         return None
-    if commanded.shape[1] == SIX_AXES:
-        # a reflector beside the controlled point goes where it is turned to
-        points_mm = points_mm - away_from_mean(commanded[:, :3])
+    points_mm = np.asarray(points_mm - levers_mm)
     first, second = np.triu_indices(len(points_mm), 1)
     moved = largest_length(points_mm[second] - points_mm[first], noise.between(first, second))
     turns = commanded[:, 3:]

@@ -38,17 +38,20 @@ def shots_for(purpose, commanded, measured=None, pairs=None):
     return [(purpose, *row) for row in zip(commanded, measured, pairs, strict=True)]
 
 
-def validated(rows, instrument=INSTRUMENT):
+def validated(rows, instrument=INSTRUMENT, turns_rad=0.0, lever_mm=(0.0, 0.0, 0.0)):
+    """Of a platform with one turn, and a reflector at a lever from the controlled point."""
     count = len(rows)
     purposes, commanded, measured, pairs = zip(*rows, strict=True) if rows else ((),) * 4
     poses, points = np.zeros((count, 4)), np.reshape(measured, (count, 3))
-    poses[:, :3] = np.reshape(commanded, (count, 3))
+    poses[:, :3], poses[:, 3] = np.reshape(commanded, (count, 3)), turns_rad
+    levers = Rotation.from_rotvec(np.outer(poses[:, 3], (0.0, 0.0, 1.0))).apply(lever_mm)
     shots = Shots(
         numbers=tuple(range(count)), purposes=tuple(purposes), pairs=tuple(pairs),
         joints=np.zeros((count, 4)), approach=np.zeros((count, 4)), commanded=poses,
         points_in_tracker_mm=TRACKER_FROM_BASE.apply(points),
         stated_covariance_mm2=np.full((count, 3, 3), np.nan),
         measured_utc=("",) * count, temperature_degC=np.full(count, np.nan),
+        commanded_points_mm=poses[:, :3] + levers,
     )  # fmt: skip
     return evaluate_validation(shots, instrument)
 
@@ -320,14 +323,27 @@ def test_limits_of_the_cube_are_judged_and_not_asked_of_others():
     assert decision_on(judged, "pose accuracy AP, worst") == "not decided"
 
 
+def test_reflector_beside_the_point_may_go_where_one_turn_takes_it():
+    turn, lever_mm = np.linspace(-0.3, 0.3, 5), (40.0, 0.0, -10.0)
+    about_z = Rotation.from_rotvec(np.outer(turn, (0.0, 0.0, 1.0)))
+    places = MIDDLE + about_z.apply(lever_mm)
+    places[0, 2] += 0.05
+    in_pairs = [(*row[:2], row[2] + np.array(lever_mm), row[3]) for row in pairs([0.0] * 4)]
+    rows = [*in_pairs, *shots_for(ShotSet.ROTATION, [MIDDLE] * 5, places)]
+    turns = np.concatenate([np.zeros(8), turn])
+    assert validated(rows, turns_rad=turns, lever_mm=lever_mm).rotation.moved.value_mm == (
+        pytest.approx(0.05)
+    )
+
+
 def test_reflector_beside_the_point_of_six_axes_may_go_where_it_is_turned_to():
     turns = np.zeros((6, 3))
     turns[:3, 0], turns[3:, 2] = (-0.2, 0.0, 0.2), (-0.3, 0.0, 0.3)
-    places = MIDDLE + Rotation.from_rotvec(turns).apply([40.0, 0.0, -10.0])
-    commanded, off = np.column_stack([places, turns]), np.zeros((6, 3))
+    levers = Rotation.from_rotvec(turns).apply([40.0, 0.0, -10.0])
+    commanded, off = np.column_stack([MIDDLE + levers, turns]), np.zeros((6, 3))
     off[0, 1] = 0.05
     noise = PointNoise(1e-6 * np.tile(np.eye(3), (6, 1, 1)), np.zeros((6, 3, 3)))
-    test = rotation_test(commanded, places + off, noise)
+    test = rotation_test(commanded, MIDDLE + levers + off, noise, levers)
     assert test.moved.value_mm == pytest.approx(0.05)
     assert test.about.tolist() == [0, 0, 0, 2, 0, 2]
     assert test.turn_rad.tolist() == [-0.2, 0.0, 0.2, -0.3, 0.0, 0.3]
