@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from campaigns.campaign import open_campaign
     from campaigns.evidence import evaluate
     from campaigns.fit.tracker_noise import TrackerUncertainty
-    from campaigns.kinematics.any_mechanism import ImplicitMechanism, closures
     from campaigns.kinematics.axes import PLANE, POSITION, TURN, TURNS, Axis
     from campaigns.kinematics.closed_chain import ClosedChain
     from campaigns.kinematics.feasibility import Limits
+    from campaigns.kinematics.implicit import ImplicitMechanism, closures
     from campaigns.kinematics.limbs import Carriage, Crank, place_fields, transmission_fields
-    from campaigns.kinematics.mechanism import Kinematics
+    from campaigns.kinematics.model import Kinematics
     from campaigns.kinematics.parameters import ParameterField, Role
     from campaigns.kinematics.platforms import HingedPlate, Platform, SlidingBars
     from campaigns.kinematics.rotations import matrices_of, turn_between, turned_by
@@ -48,10 +48,10 @@ BAD_INPUT = 2
 
 KINEMATICS = "campaigns.kinematics"
 MECHANISMS = {
-    "any_mechanism": ("ImplicitMechanism", "closures"),
     "axes": ("PLANE", "POSITION", "TURN", "TURNS", "Axis"),
     "closed_chain": ("ClosedChain",),
     "feasibility": ("Limits",),
+    "implicit": ("ImplicitMechanism", "closures"),
     "limbs": ("Carriage", "Crank", "place_fields", "transmission_fields"),
     "parameters": ("ParameterField", "Role"),
     "platforms": ("HingedPlate", "Platform", "SlidingBars"),
@@ -59,7 +59,7 @@ MECHANISMS = {
 }
 """What an author of a mechanism needs, by module of `KINEMATICS`."""
 HOMES = {name: f"{KINEMATICS}.{home}" for home, names in MECHANISMS.items() for name in names} | {
-    "Kinematics": "campaigns.kinematics.mechanism",
+    "Kinematics": "campaigns.kinematics.model",
     "NewOptions": "app.new_campaign",
     "RobotFile": "campaigns.robots.robot",
     "Shots": "campaigns.shots.shots",

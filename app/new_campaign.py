@@ -11,9 +11,9 @@ import numpy as np
 from app.options import REFLECTOR_HELP, REFLECTOR_METAVAR, completer, read_place
 from campaigns.errors import OptionsInvalid, OutputExists
 from campaigns.files import text_file
-from campaigns.kinematics.any_mechanism import ImplicitMechanism
 from campaigns.kinematics.catalog import FAMILY
 from campaigns.kinematics.closed_chain import ClosedChain
+from campaigns.kinematics.implicit import ImplicitMechanism
 from campaigns.kinematics.parameters import Role
 from campaigns.planning.validation_plan import fitting_lines
 from campaigns.robots.robot import (

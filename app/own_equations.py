@@ -11,8 +11,9 @@ from typing import Self
 import numpy as np
 
 from campaigns.arrays import Array, Index
-from campaigns.kinematics.any_mechanism import ImplicitMechanism, Mechanism
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.implicit import ImplicitMechanism
+from campaigns.kinematics.mechanism import Mechanism
+from campaigns.kinematics.model import Kinematics
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,8 +54,8 @@ from campaigns.identification.result import RecordedIdentification, read_identif
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Event, Finding, FindingKind, PairVoided, Rejected, Stage
 from campaigns.journal.views import Series
-from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.catalog import MECHANISMS
+from campaigns.kinematics.mechanism import Mechanism
 from campaigns.planning.plan_file import PlannedShot, plan_difference, plan_digest
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.shots.shot_sets import ShotSet

@@ -12,8 +12,8 @@ from app.options import REFLECTOR_HELP, REFLECTOR_METAVAR, ask_reflector, read_p
 from campaigns.errors import OptionsInvalid
 from campaigns.files.text_file import refuse_existing
 from campaigns.files.wording import suggestion
-from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.catalog import FAMILY, MECHANISMS
+from campaigns.kinematics.mechanism import Mechanism
 from campaigns.next_step import NextStep
 from campaigns.robots.bar_robots import PAIR_DEG, robot_of_sizes
 from campaigns.robots.robot import RobotDocument, with_reflector, write_new_robot

@@ -23,7 +23,7 @@ from campaigns.fit.events import Event
 from campaigns.fit.rigid_transforms import Transform
 from campaigns.identification.findings import NAMED_LOG_ODDS, PERIOD, STAND
 from campaigns.identification.result import Diagnosis, Frame, RecordedIdentification
-from campaigns.kinematics.any_mechanism import Mechanism
+from campaigns.kinematics.mechanism import Mechanism
 from campaigns.shots.shot_sets import ShotSet
 
 SMALLEST_MM = 1e-3

@@ -23,7 +23,7 @@ from campaigns.errors import OptionsInvalid, PlanInvalid
 from campaigns.fit.rigid_transforms import Transform
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.identification.options import Fixed, IdentificationOptions
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.planning.plan_file import PlannedShot, read_plan
 from campaigns.planning.plans import joints_of
 from campaigns.settings.option import Option

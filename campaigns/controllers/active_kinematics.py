@@ -13,8 +13,8 @@ import numpy as np
 
 from campaigns.errors import ConfigInvalid
 from campaigns.files.text_file import replace_text
-from campaigns.kinematics.any_mechanism import Mechanism
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Mechanism
+from campaigns.kinematics.model import Kinematics
 from campaigns.robots.robot import RobotDocument, compensated, pose_row, read_robot
 from drivers.errors import LimitViolation
 from drivers.values import Pose

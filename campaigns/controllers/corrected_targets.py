@@ -24,7 +24,7 @@ from campaigns.identification.positions import std_of_positions, std_of_rotation
 from campaigns.identification.result import ParameterCovariance, PositionStd, StoredLayer
 from campaigns.kinematics.axes import TURNS, Axis
 from campaigns.kinematics.feasibility import Limits
-from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
+from campaigns.kinematics.model import Kinematics, KinematicSolution
 from campaigns.kinematics.transmission import approach_along
 from campaigns.shots.columns import axis_columns, axis_texts, axis_values, columns_of, in_files
 from campaigns.shots.turn_forms import TurnForm, foreign_columns, turn_values, turns_of

@@ -14,7 +14,7 @@ from campaigns.arrays import Array
 from campaigns.errors import IdentificationRefused
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.fit.uncertainty import without_frame
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 
 LEAST_SHARE = 0.9
 """Share of the workspace's poses that the identified robot must be able to take."""

@@ -21,7 +21,7 @@ from campaigns.design.restricted_space import (
 )
 from campaigns.fit.rigid_transforms import distances_mm
 from campaigns.kinematics.feasibility import Limits, search_extent
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 
 BOUNDARY_STRETCH = 1.05
 """Factor of the distance from the centre at which a pose near the boundary can no longer be

@@ -25,7 +25,7 @@ import numpy as np
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
 from campaigns.fit.rigid_transforms import best_rotation, fit_transform
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import ParameterTable
 from campaigns.robots.schema import Tolerance
 from campaigns.shots.point_words import MM_PER_UNIT, LengthUnit

@@ -16,7 +16,7 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.fit.error_sources import by_first_joint
 from campaigns.fit.rigid_transforms import away_from_mean
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.shots.shots import Shots
 
 

@@ -35,8 +35,8 @@ from campaigns.fit.rigid_transforms import (
     rotation_vector_rad,
     rotations_by,
 )
-from campaigns.kinematics.any_mechanism import Assembly
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Assembly
+from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import INNER, Role, Unit
 
 MRAD = 1e-3

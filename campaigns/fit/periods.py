@@ -18,7 +18,7 @@ from campaigns.fit.effects import Effect, RateError, Ripple
 from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.error_sources import ARCSEC
 from campaigns.fit.fit import Fit, log_factors_at_usual_size, settle
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 
 
 @dataclass(frozen=True, slots=True, eq=False)

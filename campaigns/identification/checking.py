@@ -42,7 +42,7 @@ from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.result import StoredPosterior
 from campaigns.journal.records import read_body
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.shots.shots import Shots
 
 FEWEST_SHOTS = 6

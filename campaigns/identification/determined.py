@@ -23,7 +23,7 @@ from campaigns.fit.fit import Fit
 from campaigns.fit.uncertainty import budget, length_std, without_axes
 from campaigns.identification.findings import NOT_DETERMINED, NOT_TESTED, TOO_UNCERTAIN, Finding
 from campaigns.identification.options import QuantityWord
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 
 UNITS: Mapping[QuantityWord, str] = {"position": "mm", "rotation": "deg"}
 MOST_ASSUMED = 0.5

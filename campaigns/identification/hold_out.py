@@ -20,7 +20,7 @@ from campaigns.fit.rigid_transforms import directions, distances_mm
 from campaigns.fit.uncertainty import unseen_covariances
 from campaigns.identification.findings import HoldOut
 from campaigns.identification.result import Excluded, ResidualTable
-from campaigns.kinematics.mechanism import KinematicSolution
+from campaigns.kinematics.model import KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 

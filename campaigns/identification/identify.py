@@ -73,7 +73,7 @@ from campaigns.identification.result import (
     Value,
     identified_parameters,
 )
-from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
+from campaigns.kinematics.model import Kinematics, KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 

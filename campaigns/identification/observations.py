@@ -11,7 +11,7 @@ from campaigns.fit.error_model import ErrorModel, Observations
 from campaigns.fit.tracker_noise import covariance_by_direction_mm2
 from campaigns.identification.options import IdentificationOptions, matching, named_priors
 from campaigns.kinematics.axes import Axis
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, between, held_out
 from campaigns.shots.stops import by_stops

@@ -43,7 +43,7 @@ from campaigns.identification.result import (
     Value,
     identified_parameters,
 )
-from campaigns.kinematics.mechanism import Kinematics, KinematicSolution, NoSolution
+from campaigns.kinematics.model import Kinematics, KinematicSolution, NoSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 

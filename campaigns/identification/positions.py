@@ -28,7 +28,7 @@ from campaigns.fit.uncertainty import (
 )
 from campaigns.identification.determined import Determined, assumed_share, rotation_determined
 from campaigns.identification.result import ParameterCovariance, PositionStd, Share, Uncertainty
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 
 FEWEST_POSES = 0.9
 """Share of the workspace's sample that the identified robot must be able to take."""

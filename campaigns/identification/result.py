@@ -24,8 +24,8 @@ from campaigns.identification import views
 from campaigns.identification.determined import Determined
 from campaigns.identification.findings import HOLD_OUT, Finding, HoldOut
 from campaigns.journal.records import adapter_of, read_body
-from campaigns.kinematics.any_mechanism import Mechanism
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Mechanism
+from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import Parameters
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots

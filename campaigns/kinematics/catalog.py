@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.five_bar import FiveBar
 from campaigns.kinematics.hexapod import Hexaglide, Hexapod
 from campaigns.kinematics.limbs import Carriage, Crank
+from campaigns.kinematics.mechanism import Mechanism
 from campaigns.kinematics.platforms import HingedPlate, Platform, SlidingBars
 
 FIRST_PLACE = ("azimuth_deg", "arm0.x_mm", "arm0.y_mm", "arm0.z_mm")

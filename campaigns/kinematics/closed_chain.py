@@ -23,9 +23,9 @@ from typing_extensions import override
 
 from campaigns.arrays import Array, Mask
 from campaigns.kinematics import transmission
-from campaigns.kinematics.any_mechanism import Assembly, Margins, Mechanism
 from campaigns.kinematics.axes import MM_PER_RAD, Axis
 from campaigns.kinematics.limbs import STEP, Fields, Limb, dot, vectors
+from campaigns.kinematics.mechanism import Assembly, Margins, Mechanism
 from campaigns.kinematics.parameters import ParameterTable, Role
 from campaigns.kinematics.platforms import REFLECTOR, SAG, Place, PlateGeometry, Platform, sag_basis
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from campaigns.arrays import Array, Mask
-from campaigns.kinematics.any_mechanism import Margins, Mechanism
 from campaigns.kinematics.axes import Interval, outside
+from campaigns.kinematics.mechanism import Margins, Mechanism
 
 SINGULARITY_MARGIN = 0.2
 """Least singular value that `Margins.singular_value` may have, if a robot file gives none."""

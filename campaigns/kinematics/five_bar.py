@@ -4,8 +4,8 @@ import numpy as np
 from typing_extensions import override
 
 from campaigns.arrays import Array
-from campaigns.kinematics.any_mechanism import ImplicitMechanism
 from campaigns.kinematics.axes import PLANE
+from campaigns.kinematics.implicit import ImplicitMechanism
 from campaigns.kinematics.limbs import FOREARM, Fields, transmission_fields
 from campaigns.kinematics.parameters import ParameterField
 

@@ -7,8 +7,8 @@ import numpy as np
 from typing_extensions import override
 
 from campaigns.arrays import AXES, Array
-from campaigns.kinematics.any_mechanism import ImplicitMechanism
 from campaigns.kinematics.axes import POSITION, TURNS
+from campaigns.kinematics.implicit import ImplicitMechanism
 from campaigns.kinematics.limbs import (
     FOREARM,
     Fields,

@@ -1,166 +1,364 @@
-"""Kinematic model of one robot: a mechanism with its parameters, checked at the door.
+"""Mechanisms as fit, plan and files see them: what each kind states, and what follows for all.
 
-Joints (N, n) and poses (N, t) are batches, a row each, one column an axis, in rad and mm.
+`ClosedChain` states the methods of `Mechanism` for parallelograms under a plate that tilts,
+`ImplicitMechanism` for closures of any kind.
 """
 
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from functools import cached_property
+from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from campaigns.arrays import Array, Mask, batch
-from campaigns.kinematics.any_mechanism import Mechanism
-from campaigns.kinematics.feasibility import Feasibility, Limits, feasibility
-from campaigns.kinematics.parameters import Parameters, stated_rates
+from campaigns.arrays import Array, Index, Mask
+from campaigns.kinematics import transmission
+from campaigns.kinematics.axes import Axis
+from campaigns.kinematics.limbs import STEP, Fields
+from campaigns.kinematics.parameters import ParameterTable
+from campaigns.kinematics.platforms import Place
+from campaigns.kinematics.rotations import matrices_of, turns_of_changes
+
+TYPICAL_RADIUS_MM = 100.0
 
 
-class NoSolution(ValueError):
-    """Pose or set of joints at which the mechanism cannot be assembled."""
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """Poses that joints assemble to."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class KinematicSolution:
-    """Joints or poses of a batch, and the rows at which the mechanism can be assembled."""
-
-    values: Array
-    """Joints or poses, (N, k); NaN in rows without a solution."""
+    unknowns: Array
+    """Plate's pose without its sag, and its tilt if parts are imperfect, (N, t) or (N, t + 3); NaN
+    where no assembly is found."""
+    poses: Array
+    """Poses of the controlled point, of plates with parts those of the measured point, (N, t)."""
+    points: Array
+    """Places of the measured point in the base frame, (N, 3)."""
     is_solved: Mask
-    """Rows that hold a solution, (N,)."""
-
-    @classmethod
-    def where(cls, is_solved: Mask, values: Array) -> Self:
-        """Take the values (N, k) of the solved rows, NaN elsewhere."""
-        values[~is_solved] = np.nan
-        return cls(values, is_solved)
-
-    def values_or_raise(self) -> Array:
-        """Return the values of all rows; raise `NoSolution` with the first row without a value."""
-        if not np.all(self.is_solved):
-            row = int(np.argmin(self.is_solved))
-            raise NoSolution(f"no assembly for row {row} of {len(self.is_solved)}")
-        return self.values
+    """Rows with an assembly, (N,)."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Kinematics:
-    """Kinematic model of one robot: `forward`, `inverse` and their derivatives, for many rows.
+@dataclass(frozen=True, eq=False)
+class Margins:
+    """Margins of poses from limits of the mechanism itself; NaN in rows without joints."""
 
-    `robot.kinematics` is that of a robot file. Joints (N, n) and poses (N, t) have a row each, in
-    rad and mm; a single row may be given alone.
+    singular_value: Array
+    """Smallest singular value of the closures' Jacobian, of rows of unit length, (N,)."""
+    swing_rad: Array
+    """Angle of each forearm out of its arm's plane, or away from its rail, (N, n) or (N, 0)."""
+    elbow: Array
+    """Smallest share of a forearm along which its joint moves it, (N,); 1 without forearms."""
+    is_above: Mask
+    """Poses above their elbows, which are another assembly, (N,)."""
 
-    Attributes:
-        mechanism: The mechanism, with `joints`, `task` and the table of `parameters`.
-        p: Parameters in the order of that table, mm, rad and ratios.
 
-    Example:
-        >>> model = find_robot("delta").kinematics
-        >>> joints = model.inverse([[0.0, 0.0, -700.0]]).values_or_raise()
-        >>> model.forward(joints).values_or_raise()[0, 2].round(6)
-        -700.0
+class Mechanism(ABC):
+    """Kind of robot: joints, task axes, parameters and how they belong together.
+
+    It has no state: a robot is a vector p (P,) of the parameters in its table. Joints (N, n) and
+    poses (N, t) are batches, in rad and mm. `approach` (N, n) holds the signs of the joints' last
+    motions, 0 where they are unknown.
     """
 
-    mechanism: Mechanism
-    p: Array
-    """Parameters (P,), or the geometry alone, (G,); mm, rad and ratios."""
+    name: str
+    """Its word in robot files."""
+    rates: tuple[float, ...]
+    """Repetition of each joint's ripple in the unit of `parameters.rate`: periods a turn, or mm; 0
+    where it is unknown. () becomes 0 for every joint."""
+    held_by_paper: tuple[str, ...]
+    """Parameters, or fields of all arms, that the paper's method holds at nominal, and a parameter
+    set for a plain controller as identified."""
+    has_forearms: ClassVar[bool] = False
+    """Whether forearms swing, stretch and bound the reach."""
 
-    @classmethod
-    def of(cls, mechanism: Mechanism, values: Mapping[str, float]) -> Self:
-        """Make a model from values by name in mm and deg; raise `KeyError` for a missing value."""
-        rates = stated_rates(mechanism.parameters, values, mechanism.rates)
-        parameters = Parameters.of(mechanism.parameters, values)
-        return cls(mechanism.with_ripples(rates), parameters.vector)
-
-    @property
-    def parameters(self) -> Parameters:
-        """Parameters by name in mm and deg."""
-        return Parameters.of_vector(self.mechanism.parameters, self.p, self.mechanism.rates)
+    # --- what each kind states ------------------------------------------------------------------
 
     @property
-    def whole_p(self) -> Array:
-        """Copy of all parameters, (P,): 0 where `p` holds the geometry alone."""
-        return self.mechanism.parameters.whole(self.p)
+    @abstractmethod
+    def joints(self) -> tuple[Axis, ...]:
+        """Axes of the joints: `q0`, `q1` and so on."""
 
     @property
-    def controlled(self) -> "Kinematics":
-        """Model of the point that the controller's poses are of, wherever the reflector is."""
-        return replace(self, mechanism=self.mechanism.seen_from(None))
+    @abstractmethod
+    def task(self) -> tuple[Axis, ...]:
+        """Task axes: x, y and z of the controlled point, then no, one or three turns.
 
-    def inverse(self, poses: ArrayLike, approach: ArrayLike | None = None) -> KinematicSolution:
-        """Return the encoder readings (N, n) of poses (N, t).
-
-        `approach` (N, n) holds the sign of each joint's last motion, 0 if unknown.
+        Along a fixed axis it does not move. One turn is about z; three are a rotation vector in the
+        base frame.
         """
-        joints, is_solved = self.mechanism.inverse(
-            self.p, self._poses(poses), self._signs(approach)
-        )
-        return KinematicSolution(joints, is_solved)
 
-    def forward(
-        self, joints: ArrayLike, near: ArrayLike | None = None, approach: ArrayLike | None = None
-    ) -> KinematicSolution:
-        """Return the poses (N, t) of encoder readings (N, n), near given poses if there are any.
+    @property
+    @abstractmethod
+    def parameters(self) -> ParameterTable:
+        """Table of the parameters."""
 
-        `approach` (N, n) holds the sign of each joint's last motion, 0 if unknown.
+    @abstractmethod
+    def assemble(
+        self, p: Array, joints: Array, near: Array | None = None, approach: Array | None = None
+    ) -> Assembly:
+        """Solve for the poses of encoder readings (N, n).
+
+        `near` are poses close by, (N, t), or an earlier assembly's unknowns; where they lead
+        nowhere, the search begins at guesses.
         """
-        start = None if near is None else self._poses(near)
-        signs = self._signs(approach)
-        assembly = self.mechanism.assemble(self.p, self._joints(joints), start, signs)
-        return KinematicSolution(assembly.poses, assembly.is_solved)
 
-    def select_reachable(self, poses: Array) -> tuple[Array, Array]:
-        """Return the poses (M, t) among (N, t) that the robot can take, after their joints (M, n).
+    @abstractmethod
+    def inverse(self, p: Array, poses: Array, approach: Array | None = None) -> tuple[Array, Mask]:
+        """Return the encoder readings (N, n) of poses (N, t), and which rows are solved."""
 
-        A pose counts if it has joints, and if these joints assemble again.
-        """
-        joints = self.inverse(poses)
-        is_solved = joints.is_solved.copy()
-        is_solved[is_solved] = self.forward(joints.values[is_solved], poses[is_solved]).is_solved
-        return joints.values[is_solved], poses[is_solved]
-
+    @abstractmethod
     def jacobian(
-        self, joints: ArrayLike, poses: ArrayLike, approach: ArrayLike | None = None
+        self, p: Array, joints: Array, poses: Array, approach: Array | None = None
     ) -> Array:
-        """Return d(pose)/dp (N, t, P) at fixed joints; raise `LinAlgError` at a singular pose."""
-        signs = self._signs(approach)
-        return self.mechanism.jacobian(self.p, self._joints(joints), self._poses(poses), signs)
+        """Return d(pose)/dp (N, t, P) at fixed encoder readings (N, n), of the poses there.
+
+        `poses` are (N, t), or the unknowns of an assembly. Raise `LinAlgError` at a singular pose.
+        """
+
+    @abstractmethod
+    def margins(self, p: Array, joints: Array, poses: Array) -> Margins:
+        """Return the margins of poses (N, t) at joints (N, n)."""
+
+    @abstractmethod
+    def growth_columns(self, p: Array, by_p: Array, joints: Array) -> Array:
+        """Return ∂position (N, 3, 3) by the relative growth of arms or rails, forearms, and frame.
+
+        `by_p` (N, 3, P) are the derivatives of positions by parameters.
+        """
+
+    @abstractmethod
+    def fields_of(self, p: Array) -> Fields:
+        """Return the parameters of all arms by stem, (1, n)."""
+
+    @abstractmethod
+    def placed(
+        self, p: Array, plate_joints_mm: tuple[Place, ...] | None, reflector_mm: Place | None
+    ) -> Self:
+        """Return this mechanism with places on its platform; None: where they are typically.
+
+        Places are seen from the controlled point, of a platform that is not turned.
+        """
+
+    def with_home(self, pose: Array) -> Self:  # noqa: ARG002 - most kinds know their assembly
+        """Return this mechanism with a pose (t,) well inside the workspace, mm and rad."""
+        return self
+
+    @property
+    def is_planar(self) -> bool:
+        """Whether the robot moves in the plane of its base's x and y alone."""
+        return any(axis.is_fixed for axis in self.task)
+
+    @property
+    def line_axes(self) -> tuple[str, ...]:
+        """Names of the axes along which the controlled point moves."""
+        return tuple(axis.name for axis in self.task[:3] if not axis.is_fixed)
+
+    def home_at(self, place_mm: Sequence[float]) -> Array:
+        """Return the pose (t,) at a place, turned as in the middle of the workspace."""
+        pose = np.zeros(len(self.task))
+        pose[:3] = place_mm
+        return pose
+
+    # --- what may differ ------------------------------------------------------------------------
+
+    @property
+    def out_of_reach(self) -> str:
+        """Words for a pose that no joints reach."""
+        return "out of reach: no joints lead to this pose"
+
+    @property
+    def words_of_swing(self) -> tuple[str, str]:
+        """Direction in which a forearm's swing is counted, and name of its upper end."""
+        return "out of its arm's plane", "elbow"
+
+    @property
+    def halves(self) -> tuple[int | None, ...]:
+        """Parts of the platform on which the reflector may sit instead; None: between them."""
+        return ()
+
+    @property
+    def is_between_halves(self) -> bool:
+        """Whether the measured point is on no part that arms end in."""
+        return False
+
+    @property
+    def is_elsewhere(self) -> bool:
+        """Whether the measured point is on another part than the controlled point."""
+        return False
+
+    def seen_from(self, part: int | None) -> Self:
+        """Return this mechanism with the measured point on a part; None: as controlled.
+
+        Raise `ValueError` for a part that it does not have.
+        """
+        if part is not None:
+            raise ValueError(f"a platform of one part has no part {part}")
+        return self
+
+    # --- points ---------------------------------------------------------------------------------
 
     def points(self, poses: Array) -> Array:
-        """Return the places (N, 3) of the measured point in the base frame, at poses (N, t)."""
-        return self.mechanism.points(poses)
+        """Return the places of the measured point in the base frame, (N, 3), at poses (N, t)."""
+        return poses[:, :3]
 
-    def point_jacobian(
-        self, joints: ArrayLike, poses: Array, approach: ArrayLike | None = None
+    def point_rows(self, poses: Array, rows: Array) -> Array:  # noqa: ARG002 - of few kinds
+        """Return derivatives of the measured point (N, 3, k) from those of poses (N, t, k)."""
+        return rows[:, :3]
+
+    def facing(self, poses: Array, direction: Array) -> Array:  # noqa: ARG002 - where parts turn
+        """Return where a reflector looks at poses (N, t), (N, 3) or one for all, (3,).
+
+        It looks in a direction (3,) in the middle of the workspace.
+        """
+        return direction
+
+    # --- turns ----------------------------------------------------------------------------------
+
+    def turn_jacobian(
+        self, p: Array, joints: Array, unknowns: Array, approach: Array | None = None
     ) -> Array:
-        """Return d(measured point)/dp (N, 3, P) at fixed joints, of poses (N, t) there."""
-        return self.mechanism.point_rows(poses, self.jacobian(joints, poses, approach))
+        """Return the turn of the tool by parameters, (N, 3, P), rad about the base's axes.
 
-    # A joint's offset δ adds to its true angle: dX/dq = dX/dδ · (d true/dq). The second factor
-    # differs from 1 by the slope of the transmission's errors alone.
-    def joint_jacobian(
-        self, joints: ArrayLike, poses: ArrayLike, approach: ArrayLike | None = None
-    ) -> Array:
-        """Return d(pose)/d(encoder readings) (N, t, n); raise `LinAlgError` at a singular pose."""
-        columns = self.mechanism.parameters.columns
-        by_offsets = self.jacobian(joints, poses, approach)[..., columns["joint_offset"]]
-        slopes = self.mechanism.joint_slopes(self.p, self._joints(joints))
-        return np.asarray(by_offsets * slopes[:, None])
+        It is that at fixed encoder readings (N, n), at an assembly's unknowns (N, k).
+        """
+        return self.turn_rows(unknowns, self.jacobian(p, joints, unknowns, approach))
 
-    def feasibility(self, limits: Limits, poses: ArrayLike) -> Feasibility:
-        """Return the margins of poses (N, t), and each violation."""
-        return feasibility(self.mechanism, self.p, limits, self._poses(poses))
+    def tool_axes(self, poses: Array) -> Array:
+        """Return the axes of the tool at poses (N, t) as the columns of matrices (N, 3, 3)."""
+        turns, size = np.zeros((len(poses), 3)), len(self.task)
+        turns[:, 6 - size :] = poses[:, 3:size]
+        return matrices_of(turns)
 
-    def comparable(self, joints: Array) -> Array:
-        """Return joints (…, n) in units that compare with a radian of a crank."""
-        return np.asarray(joints / self.mechanism.joint_scales)
+    # The turn about z of a platform with one turn, and of one with three the turn that a change of
+    # its rotation vector makes.
+    def turn_rows(self, poses: Array, rows: Array) -> Array:
+        """Return derivatives of the platform's turn (N, 3, k), rad about the base's axes.
 
-    def _poses(self, poses: ArrayLike) -> Array:
-        return batch(poses, [axis.name for axis in self.mechanism.task], "poses")
+        `rows` (N, t, k) are those of poses (N, t).
+        """
+        size = len(self.task)
+        if size == 6:
+            return np.asarray(turns_of_changes(poses[:, 3:size]) @ rows[:, 3:size])
+        about = np.zeros((len(rows), 3, rows.shape[2]))
+        about[:, 6 - size :] = rows[:, 3:size]
+        return about
 
-    def _joints(self, joints: ArrayLike) -> Array:
-        return batch(joints, [axis.name for axis in self.mechanism.joints], "joints")
+    # --- joints ---------------------------------------------------------------------------------
 
-    def _signs(self, approach: ArrayLike | None) -> Array | None:
-        names = [axis.name for axis in self.mechanism.joints]
-        return None if approach is None else batch(approach, names, "approach")
+    @property
+    def joint_scales(self) -> Array:
+        """Travel of each joint that compares with one radian of a crank, (n,), rad or mm."""
+        return np.array([axis.scale for axis in self.joints])
+
+    def travel(self, angle_rad: float) -> float | Array:
+        """Return the travel of joints that compares with a crank's angle: of all, or one of each.
+
+        Joints of both kinds have one each, (n,), rad or mm.
+        """
+        scales = self.joint_scales
+        return angle_rad * (scales if np.ptp(scales) else float(scales[0]))
+
+    @property
+    def rate(self) -> float:
+        """Rate that all joints have in common; 0 if it is unknown or the rates differ."""
+        return self.rates[0] if len({*self.rates}) == 1 else 0.0
+
+    @property
+    def rates_are_of_turns(self) -> bool:
+        """Whether rates of ripples are periods a turn, else mm a period."""
+        return self.parameters.rate.unit != "mm"
+
+    @cached_property
+    def rippling(self) -> Index:
+        """Arms whose drives the table lets ripple, (k,)."""
+        rows = (self.parameters.rows[place] for place in self._columns.get("ripple_sin", ()))
+        return np.array([row.arm for row in rows if row.arm is not None], dtype=np.intp)
+
+    def has_ripple(self, arm: int | None) -> bool:
+        """Return whether a joint's ripple has a rate; for None, whether any joint's has."""
+        return any(self.rates) if arm is None else self.rates[arm] != 0.0
+
+    @cached_property
+    def phase_rate(self) -> Array:
+        """Change N of each ripple's phase with its reading, (n,): rad over rad, or over mm."""
+        rates = np.array(self.rates)
+        if not self.rates_are_of_turns:
+            rates[rates != 0.0] = 2.0 * np.pi / rates[rates != 0.0]
+        # files give cranks the periods in a turn, which is N itself
+        return rates
+
+    def with_ripples(self, rates: float | Sequence[float]) -> Self:
+        """Return this mechanism with ripples that repeat at these rates.
+
+        `rates` are in the unit of `parameters.rate`: one for all joints or one for each, 0 for a
+        joint without a ripple. Raise `ValueError` for another number of rates.
+        """
+        if not isinstance(rates, Sequence):
+            rates = (float(rates),) * len(self.joints)
+        return replace(self, rates=tuple(map(float, rates)))  # type: ignore[type-var]
+
+    def _checked_rates(self) -> tuple[float, ...]:
+        """Return the rates, 0 for each joint if there are none; raise `ValueError` for others."""
+        rates = self.rates or (0.0,) * len(self.joints)
+        if len(rates) != len(self.joints):
+            raise ValueError(f"{len(rates)} ripple rates for {len(self.joints)} joints")
+        return rates
+
+    def true_joints_at(self, p: Array, joints: Array, approach: Array | None = None) -> Array:
+        """Return where joints are, less their offsets, at encoder readings (N, n)."""
+        return transmission.true_joints(self.fields_of(p), joints, approach, self.phase_rate)
+
+    # The sum of the terms' largest derivatives: |k|, |a|, |b|, N |c|, N |d|, and 0 of backlash.
+    def steepest_error(self, p: Array) -> float:
+        """Return a bound of the change of any joint's error over its motion."""
+        fields = self.fields_of(p)
+        by_phase = dict.fromkeys(("ripple_sin", "ripple_cos"), self.phase_rate)
+        by_phase["backlash"] = np.zeros(1)
+        bounds = [
+            np.abs(by_phase.get(stem, np.ones(1)) * fields[stem])
+            for stem in transmission.STEMS
+            if stem in fields
+        ]
+        return float(np.sum(bounds, axis=0).max(initial=0.0))
+
+    def joint_slopes(self, p: Array, joints: Array) -> Array:
+        """Return the change of true joints over that of encoder readings (N, n), (N, n)."""
+        stepped = self.true_joints_at(p, np.asarray(joints + 1j * STEP))
+        return np.asarray(stepped.imag / STEP)
+
+    # --- plans ----------------------------------------------------------------------------------
+
+    @abstractmethod
+    def is_mode_of_home(self, p: Array, joints: Array, poses: Array) -> Mask:
+        """Return which poses (N, t) of joints (N, n) are the assembly that `assemble` looks for."""
+
+    def reach_mm(self, p: Array, joint: tuple[float, float], swing_rad: float) -> Array:  # noqa: ARG002 - limits of the task bound it
+        """Return the corners (2, 3) of a box that holds all positions; infinite if limits do.
+
+        `joint` are the lowest and the highest joint, `swing_rad` is the limit of forearms.
+        """
+        return np.array([[-np.inf], [np.inf]]) * np.ones(3)
+
+    def reach_of_turns_mm(self, p: Array) -> float:  # noqa: ARG002 - few have any
+        """Return by how much a turn of 1 rad takes the controlled point farther out."""
+        return 0.0
+
+    def radius_mm(self, p: Array, turns: Array) -> float:  # noqa: ARG002 - a typical one
+        """Return the distance of the platform's farthest joint from its point at turns (M, 1)."""
+        return TYPICAL_RADIUS_MM
+
+    # --- parameters -----------------------------------------------------------------------------
+
+    @cached_property
+    def free_by_paper(self) -> tuple[str, ...]:
+        """Names of the geometry that the paper's method and plain parameter sets fit."""
+        table, held = self.parameters, set(self.held_by_paper)
+        return tuple(name for name in table.names if not {name, table[name].field.name} & held)
+
+    @cached_property
+    def _columns(self) -> Mapping[str, Index]:
+        """Places in a vector (P,) by stem, without those of growth, which no robot file has."""
+        size = len(self.parameters.of_robot)
+        return {
+            stem: places for stem, places in self.parameters.columns.items() if places[0] < size
+        }

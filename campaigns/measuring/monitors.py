@@ -11,7 +11,7 @@ import numpy as np
 
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.journal.records import Event, Outcome
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.stopping_rule import in_ranges
 from campaigns.planning.plan_check import view_fault
 from campaigns.planning.plan_file import PlannedShot

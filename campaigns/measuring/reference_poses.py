@@ -21,7 +21,7 @@ from campaigns.fit.error_sources import by_first_joint
 from campaigns.fit.rigid_transforms import fit_transform, frame_jacobian
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Outcome
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.planning.steps import Step
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import outcomes_covariance_mm2

@@ -35,7 +35,7 @@ from campaigns.fit.uncertainty import (
     without_axes,
     without_frame,
 )
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.platforms import ON_PLATE
 from campaigns.kinematics.transmission import approach_along
 from campaigns.planning.paths import RobotModel

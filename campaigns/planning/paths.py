@@ -26,7 +26,7 @@ from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.design.tours import travel_rad
 from campaigns.kinematics.axes import outside
 from campaigns.kinematics.feasibility import Limits, Violation, path_feasibility
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 
 Joints = tuple[float, ...]
 Stop = tuple[str, Array]

@@ -22,9 +22,9 @@ from campaigns.design.pose_sampling import incidence_rad
 from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.design.tours import travel_rad
 from campaigns.errors import PlanInvalid
-from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.feasibility import Feasibility, Limits
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Mechanism
+from campaigns.kinematics.model import Kinematics
 from campaigns.planning.paths import RobotModel, check_paths
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import View, poses_of

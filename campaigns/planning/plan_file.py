@@ -19,7 +19,7 @@ from campaigns.errors import CampaignError, PlanInvalid, WriteFailed
 from campaigns.files.csv_file import CsvColumn, CsvForm, CsvRow, parse_csv, whole_column
 from campaigns.files.text_file import read_text, replace_text
 from campaigns.journal.records import Intent
-from campaigns.kinematics.any_mechanism import Mechanism
+from campaigns.kinematics.mechanism import Mechanism
 from campaigns.robots.robot import pose_of
 from campaigns.shots import columns
 from campaigns.shots.shot_sets import ShotSet

@@ -25,7 +25,7 @@ from campaigns.design.pose_sampling import FeasibleRegion
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.errors import PlanInvalid
 from campaigns.kinematics.feasibility import Limits
-from campaigns.kinematics.mechanism import Kinematics, KinematicSolution
+from campaigns.kinematics.model import Kinematics, KinematicSolution
 from campaigns.kinematics.transmission import approach_along
 from campaigns.planning.paths import RobotModel, Stop, check_paths
 from campaigns.planning.plan_check import refuse

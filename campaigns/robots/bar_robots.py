@@ -13,11 +13,11 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import ConfigInvalid
-from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.axes import Interval
 from campaigns.kinematics.catalog import FIVE_BAR, HEXAGLIDE, HEXAPOD
 from campaigns.kinematics.feasibility import Limits
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Mechanism
+from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import Parameters
 from campaigns.robots.robot import RobotDocument, require_millimetres
 from campaigns.robots.symmetrical import TYPICAL_LIMITS, check_sizes, comment, lines_of, read_lines

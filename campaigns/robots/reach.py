@@ -14,7 +14,7 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.errors import ConfigInvalid
 from campaigns.kinematics.feasibility import Limits, search_extent
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from drivers.values import Vector3, vector
 
 

@@ -30,11 +30,12 @@ from campaigns.files import yaml_file
 from campaigns.files.text_file import read_text, write_new_text
 from campaigns.files.wording import shown, suggestion
 from campaigns.fit.error_sources import SOURCES
-from campaigns.kinematics.any_mechanism import ImplicitMechanism, Mechanism
 from campaigns.kinematics.axes import Axis, Interval
 from campaigns.kinematics.catalog import PYTHON, find_mechanism
 from campaigns.kinematics.feasibility import Limits
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.implicit import ImplicitMechanism
+from campaigns.kinematics.mechanism import Mechanism
+from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import Parameters, stated_rates
 from campaigns.kinematics.transmission import STEEPEST_ERROR
 from campaigns.robots.reach import middle_of_reach_mm

@@ -26,9 +26,9 @@ from campaigns.files.yaml_file import (
     broken_rule,
 )
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
-from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.catalog import MECHANISMS, find_mechanism
+from campaigns.kinematics.mechanism import Mechanism
 from campaigns.kinematics.parameters import OPTIONAL, Parameter, ParameterField
 from campaigns.kinematics.platforms import ON_PLATE
 

@@ -15,11 +15,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from campaigns.errors import ConfigInvalid
-from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.axes import Interval
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.feasibility import Limits
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Mechanism
+from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import Parameters
 from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.robot import RobotDocument, parse_robot, require_millimetres, shipped_of

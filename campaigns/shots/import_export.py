@@ -20,8 +20,8 @@ from campaigns.errors import ShotsInvalid
 from campaigns.journal import records
 from campaigns.journal.journal import Journal
 from campaigns.journal.views import AcceptedShot, Series
-from campaigns.kinematics.any_mechanism import Mechanism
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Mechanism
+from campaigns.kinematics.model import Kinematics
 from campaigns.robots.robot import pose_of
 from campaigns.shots.shot_sets import pair_rows
 from campaigns.shots.shots import IMPORTED, import_note, read_note, rows_of_shots, shots_of_journal

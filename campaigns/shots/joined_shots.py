@@ -24,7 +24,7 @@ from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import CsvRow
 from campaigns.files.text_file import read_text
 from campaigns.files.wording import shown
-from campaigns.kinematics.any_mechanism import Mechanism
+from campaigns.kinematics.mechanism import Mechanism
 from campaigns.shots.columns import axis_columns, check_pairs
 from campaigns.shots.point_files import NAME_JOINT, NamedPoint, PointFile
 from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, ShotSet

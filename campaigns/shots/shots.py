@@ -27,9 +27,9 @@ from campaigns.fit.rigid_transforms import distances_mm
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.journal.records import Outcome
 from campaigns.journal.views import AcceptedShot
-from campaigns.kinematics.any_mechanism import Mechanism
 from campaigns.kinematics.axes import Axis
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Mechanism
+from campaigns.kinematics.model import Kinematics
 from campaigns.robots.robot import RobotFile
 from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, PairRows, ShotSet, pair_rows
 from campaigns.shots.shots_csv import ShotRow, shots_text, time_order, times_s

@@ -26,7 +26,7 @@ from campaigns.files.csv_file import (
     whole_column,
 )
 from campaigns.files.text_file import read_text, write_text_unless_there
-from campaigns.kinematics.any_mechanism import Mechanism
+from campaigns.kinematics.mechanism import Mechanism
 from campaigns.shots import columns
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.turn_forms import TurnForm, foreign_columns, turn_values, turns_of

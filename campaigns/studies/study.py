@@ -31,7 +31,7 @@ from campaigns.fit.tracker_noise import point_covariance_mm2
 from campaigns.fit.uncertainty import null_directions, position_std_mm
 from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
-from campaigns.kinematics.mechanism import Kinematics, NoSolution
+from campaigns.kinematics.model import Kinematics, NoSolution
 from campaigns.kinematics.parameters import Role
 from campaigns.kinematics.transmission import approach_along
 from campaigns.planning.forecast import judged_at

@@ -22,7 +22,7 @@ from campaigns.identification.identify import update
 from campaigns.identification.result import Pedigree, RecordedIdentification, StoredPosterior
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Finding
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.work import Work
 from campaigns.options import CheckOptions
 from campaigns.planning.paths import RobotModel

@@ -31,7 +31,7 @@ from campaigns.errors import IdentificationRefused, VerdictBad
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.identification.result import PositionStd
 from campaigns.journal.records import Finding
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import Parameters
 from campaigns.robots.reduced_form import FORM, ReducedForm, form_of
 from campaigns.robots.robot import RobotDocument, RobotFile, compensated

@@ -27,7 +27,7 @@ from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.evaluation.plausibility import check_distances, check_shots
 from campaigns.evidence import STAGES
 from campaigns.journal.records import Finding, Stage
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.options import ValidationStage
 from campaigns.robots.reduced_form import form_of
 from campaigns.settings.sections import TrackerConfig

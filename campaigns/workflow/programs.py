@@ -21,8 +21,8 @@ from campaigns.errors import PlanInvalid
 from campaigns.evidence import program_path
 from campaigns.files.csv_file import csv_text, fixed_text, number_text
 from campaigns.files.text_file import replace_text
-from campaigns.kinematics.any_mechanism import Mechanism
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.mechanism import Mechanism
+from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.work import Work
 from campaigns.options import ProgramOptions, ProgramStage, ValidationOptions
 from campaigns.planning.plan_file import PlannedShot, plan_digest

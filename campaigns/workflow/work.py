@@ -14,7 +14,7 @@ from campaigns.errors import ConfigInvalid
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Finding, Stage
 from campaigns.journal.views import Series
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.monitors import Station
 from campaigns.measuring.work import Work
 from campaigns.planning.paths import RobotModel

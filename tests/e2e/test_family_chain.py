@@ -9,7 +9,7 @@ import pytest
 from command_line import SMALL_TESTS, change
 from family_cases import MEMBERS, of_members
 
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.robots.robot import find_robot
 from sim.factory import true_geometry
 from sim.scenarios.scenario import load_scenario

@@ -7,7 +7,7 @@ import pytest
 from family_cases import MEMBERS, Member, flat_in
 
 from app.main import run_command
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.robots.robot import find_robot
 from sim.scenarios.scenario import shipped_text
 

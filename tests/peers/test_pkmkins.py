@@ -12,7 +12,7 @@ from linuxcnc_bench import compiled_kinematics
 from linuxcnc_campaign import tell
 
 from campaigns.controllers.linuxcnc_export import drawing_pins, pin_of
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import RobotFile, find_robot
 

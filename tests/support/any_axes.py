@@ -69,7 +69,7 @@ POLAR_PARTS = '''"""An arm that turns about z, rises and reaches out."""
 
 import numpy as np
 
-from campaigns.kinematics.any_mechanism import ImplicitMechanism
+from campaigns.kinematics.implicit import ImplicitMechanism
 from campaigns.kinematics.axes import POSITION
 from campaigns.kinematics.parameters import ParameterField
 

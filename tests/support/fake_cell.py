@@ -12,7 +12,7 @@ from tested_journal import Told, journal_in
 from virtual_time import Act, StopWish, VirtualClock
 
 from campaigns.journal.journal import Journal
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.run_state import Progress, RunObserver, Wishes
 from campaigns.measuring.session import measure_series
 from campaigns.measuring.work import UNATTENDED_BEAM_WAIT_S, Cell, RawReaders, Work

@@ -14,7 +14,7 @@ from campaigns.design.pose_sampling import FeasibleRegion, interior_poses
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.paper import free_names
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.robots.robot import find_robot
 
 FAMILY = Path(__file__).parents[1] / "data" / "family"

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from campaigns.kinematics.any_mechanism import ImplicitMechanism, closures
 from campaigns.kinematics.axes import PLANE, POSITION, TURN
 from campaigns.kinematics.catalog import DELTA
+from campaigns.kinematics.implicit import ImplicitMechanism, closures
 from campaigns.kinematics.limbs import FOREARM, place_fields, transmission_fields
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import ParameterField
 from campaigns.kinematics.rotations import turned_by
 

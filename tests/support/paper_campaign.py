@@ -19,7 +19,7 @@ from campaigns.identification.options import IdentificationOptions, Model
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal import records
 from campaigns.journal.journal import Journal, open_journal
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.planning.plan_file import PlannedShot, plan_digest, write_plan
 from campaigns.planning.validation_plan import ISO_POSES
 from campaigns.robots.robot import find_robot, pose_of, write_new_robot

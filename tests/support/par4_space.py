@@ -7,7 +7,7 @@ import numpy as np
 
 from campaigns.kinematics.catalog import PAR4
 from campaigns.kinematics.feasibility import Limits
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import Parameters
 from campaigns.robots.robot import RobotFile
 

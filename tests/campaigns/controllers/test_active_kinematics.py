@@ -7,7 +7,7 @@ import pytest
 
 from campaigns.controllers.active_kinematics import joints_of_pose
 from campaigns.kinematics.catalog import PAR4
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.robots.robot import find_robot
 from drivers.errors import LimitViolation
 from drivers.values import Pose

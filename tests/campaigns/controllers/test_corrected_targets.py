@@ -10,7 +10,7 @@ from campaigns.errors import TargetsInvalid
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.identification.result import ParameterCovariance
 from campaigns.kinematics.catalog import FAMILY
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 
 
 def correction_of(member, **more):

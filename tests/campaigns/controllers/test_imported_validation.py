@@ -18,7 +18,7 @@ from campaigns.evaluation.validation import SET_OF
 from campaigns.evidence import Evaluation
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Finding
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.resume import series_to_take_up
 from campaigns.options import ValidationOptions, ValidationStage
 from campaigns.robots.robot import compensated, pose_row, read_robot

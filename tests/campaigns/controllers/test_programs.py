@@ -15,7 +15,7 @@ from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.evidence import evaluate, is_program_there
 from campaigns.kinematics.axes import Axis
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.next_step import next_step, state_of
 from campaigns.options import PlanOptions, ProgramOptions
 from campaigns.planning.plan_file import plan_digest

@@ -6,7 +6,7 @@ from family_cases import BY_NAME, some_members
 
 from campaigns.controllers.projection import position_errors, project_plain
 from campaigns.errors import IdentificationRefused
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import find_robot
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from campaigns.errors import ShotsInvalid
 from campaigns.evaluation import plausibility
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.robots.robot import find_robot, pose_of, read_robot
 from campaigns.shots.shots import shots_of_rows

@@ -11,7 +11,7 @@ from campaigns.identification.determined import Determined, quantity_findings
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.positions import std_of_rotations
 from campaigns.identification.result import ParameterCovariance
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 
 
 def rotations(robot, joints, poses):

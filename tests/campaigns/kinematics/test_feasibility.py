@@ -9,7 +9,7 @@ from par4_cases import LIMITS, NOMINAL
 from scipy.optimize import brentq
 
 from campaigns.kinematics.feasibility import Violation, search_extent
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.robots.robot import find_robot
 
 TURNED = np.array([[100.0, -150.0, -600.0, 0.5]])

@@ -1,7 +1,7 @@
 """A mechanism of one's own with gears and drives: each parameter of a joint is there once."""
 
-from campaigns.kinematics.any_mechanism import ImplicitMechanism
 from campaigns.kinematics.axes import PLANE
+from campaigns.kinematics.implicit import ImplicitMechanism
 from campaigns.kinematics.limbs import transmission_fields
 from campaigns.kinematics.parameters import ParameterField
 

@@ -20,7 +20,7 @@ from scipy.optimize import root
 
 from campaigns.kinematics import closed_chain
 from campaigns.kinematics.feasibility import search_extent
-from campaigns.kinematics.mechanism import NoSolution
+from campaigns.kinematics.model import NoSolution
 from campaigns.kinematics.parameters import Role
 
 CLOSE = 1e-9

@@ -9,7 +9,7 @@ from par4_cases import NOMINAL, TILTED, reachable_joints
 from scipy.spatial.transform import Rotation
 
 from campaigns.kinematics.catalog import PAR4
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.platforms import PlateGeometry
 from campaigns.robots.robot import find_robot, parse_robot
 from sim.geometry import PLATE_KINDS, geometry_of

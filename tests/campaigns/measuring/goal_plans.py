@@ -11,7 +11,7 @@ from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Outcome
 from campaigns.journal.views import AcceptedShot
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.work import Work
 from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.shots.shot_sets import ShotSet

@@ -14,7 +14,7 @@ from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Outcome
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.gate import Gate
 from campaigns.measuring.monitors import TemperatureMonitor
 from campaigns.planning.plan_file import PlannedShot

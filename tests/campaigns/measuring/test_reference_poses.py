@@ -15,7 +15,7 @@ from campaigns.errors import GateRefused
 from campaigns.fit.rigid_transforms import from_paper_angles
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.journal.records import Outcome
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.reference_poses import ReferenceNoise, reference_poses, rigid_body_test
 from campaigns.planning.steps import joint_steps
 

@@ -11,7 +11,7 @@ from par4_space import par4
 from small_plans import OPTIONS
 
 from campaigns.journal.records import Outcome
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.run_state import PositionUncertainty
 from campaigns.measuring.work import Work
 

@@ -15,7 +15,7 @@ from campaigns.fit.fit import Prior, fit_model
 from campaigns.fit.rigid_transforms import Transform
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.fit.uncertainty import position_std_mm
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.transmission import approach_along
 from campaigns.planning import plans
 from campaigns.planning.forecast import Forecast, forecast, judged_at, judged_positions

@@ -8,7 +8,7 @@ import pytest
 from par4_cases import CENTRE, LIMITS, NOMINAL, reachable_joints
 from small_plans import OPEN, joints_at
 
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.planning.paths import SLACK_RAD, RobotModel
 from campaigns.robots.robot import find_robot
 

@@ -13,7 +13,7 @@ from small_plans import LIMITS, planned
 from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.design.pose_sampling import FeasibleRegion
 from campaigns.errors import PlanInvalid
-from campaigns.kinematics.mechanism import KinematicSolution
+from campaigns.kinematics.model import KinematicSolution
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.steps import Step
 from campaigns.planning.validation_plan import APPROACHES_MM, Planned, Reachable, validation_steps

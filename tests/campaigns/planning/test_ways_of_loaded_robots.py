@@ -3,7 +3,7 @@
 import numpy as np
 from bar_robots import robot_file
 
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from campaigns.planning.paths import RobotModel
 from campaigns.robots.robot import find_robot
 

@@ -5,7 +5,7 @@ import pytest
 from bar_robots import FIVE_BAR, HOMES, ROBOTS, poses_of
 
 from campaigns.kinematics.catalog import MECHANISMS
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 from sim.errors import AssemblyLost
 from sim.geometry import BAR_KINDS, IN_PLANE, ON_PLATFORM, BarKind, Limb
 from sim.robot.assembly import OutOfReach, follow, restore

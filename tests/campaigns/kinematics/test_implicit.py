@@ -10,10 +10,10 @@ from par4_cases import central_differences
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from campaigns.kinematics.any_mechanism import closures
 from campaigns.kinematics.catalog import DELTA
 from campaigns.kinematics.feasibility import Violation, search_extent
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.implicit import closures
+from campaigns.kinematics.model import Kinematics
 from campaigns.robots.robot import find_robot
 from pkmcal import sample_workspace
 
