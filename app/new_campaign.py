@@ -348,12 +348,10 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
         reflector_mm=reflector_mm,
     )
     text = adapted(scenario_text(scenario, seed), wanted)
-    if mechanism.name not in FAMILY:
+    if mechanism.name not in FAMILY or not isinstance(mechanism, ClosedChain):
         return text
     # the drawing is of the controlled point, wherever the reflector is
-    controlled = mechanism.seen_from(None)
-    assert isinstance(controlled, ClosedChain), "as all of the family"
-    plate = controlled.plate
+    plate = mechanism.seen_from(None).plate
     assert plate is not None, "a robot file's mechanism has its plate"
     return with_drawing(text, plate.joints_mm, plate.reflector_mm or (0.0, 0.0, 0.0))
 

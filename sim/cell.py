@@ -29,7 +29,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from sim import factory
 from sim.errors import AssemblyLost, ScenarioInvalid, SimError
 from sim.faults import FaultScript
-from sim.geometry import Array, Kind, PlateKind, geometry_of, problem_with
+from sim.geometry import Array, Kind, geometry_of, problem_with
 from sim.random_streams import Attempts, Purpose, WorkedTime
 from sim.robot.assembly import Assembly, OutOfReach, assemble, follow, joints_for, restore
 from sim.robot.bars import EquationsOf, FreeMechanism, free_mechanism
@@ -205,7 +205,10 @@ class Cell:
     # The true robot stands at the encoder readings that its controller computes for the start pose,
     # and therefore, by all its errors, beside that pose.
     def _stand_at_start(
-        self, mechanism: Mechanism, gears: Transmission, equations: EquationsOf | None
+        self,
+        mechanism: RodMechanism | FreeMechanism,
+        gears: Transmission,
+        equations: EquationsOf | None,
     ) -> CellMemory:
         """Return the state of a new cell; raises `ScenarioInvalid` if it cannot stand there."""
         scenario, kind = self.scenario, self.kind
@@ -215,14 +218,12 @@ class Cell:
         try:
             # the assembly is found from the true robot at the start pose, which is close, and then
             # followed to the joints where its gears stand: so it cannot be another assembly of them
-            if isinstance(kind, PlateKind):
+            if isinstance(mechanism, RodMechanism):
                 pose = start.pose[:3], math.radians(start.theta_deg)
-                wanted = joints_for(geometry_of(geometry, kind), *pose)
-                assert isinstance(mechanism, RodMechanism), "as the factory makes it"
-                near = assemble(mechanism, geometry_of(self.true_geometry, kind), *pose)
+                wanted = joints_for(geometry_of(geometry, mechanism.kind), *pose)
+                near = assemble(mechanism, geometry_of(self.true_geometry, mechanism.kind), *pose)
             else:
                 wanted = free_mechanism(kind, geometry, equations).joints_for(start.pose)
-                assert isinstance(mechanism, FreeMechanism), "as the factory makes it"
                 near = restore(
                     mechanism, mechanism.joints_for(start.pose), mechanism.plate_of(start.pose)
                 )

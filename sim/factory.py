@@ -31,10 +31,10 @@ from sim.geometry import (
     parameter_of,
 )
 from sim.random_streams import Purpose, generator
-from sim.robot.bars import EquationsOf, TurningPlate, free_mechanism
+from sim.robot.bars import EquationsOf, FreeMechanism, TurningPlate, free_mechanism
 from sim.robot.controller import ControllerKinematics
 from sim.robot.driven_robot import Behaviour, SeenReflector
-from sim.robot.rods import Build, Mechanism, RodMechanism
+from sim.robot.rods import Build, RodMechanism
 from sim.robot.section import PPM, RobotSection, Tolerances
 from sim.robot.tilting_kinematics import KnownPlate
 from sim.robot.transmission import Load, Transmission
@@ -95,7 +95,7 @@ def _sigma_of_bars(tolerances: Tolerances, parameter: KindParameter) -> float:
 
 def mechanism_of(
     robot: RobotSection, true_flat: dict[str, float], seed: int, equations: EquationsOf | None
-) -> Mechanism:
+) -> RodMechanism | FreeMechanism:
     """Draw the parts as they were really made; raises `SimError` without equations of its kind."""
     if not isinstance(robot.kind, PlateKind):
         return free_mechanism(robot.kind, true_flat, equations)

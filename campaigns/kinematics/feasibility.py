@@ -111,16 +111,11 @@ class Feasibility:
         swing_from, end = self.mechanism.words_of_swing
         if Violation.OUT_OF_REACH in violated:
             return [self.mechanism.out_of_reach]
+        axes, values = self.mechanism.joints, self.joints[row]
+        joints = zip(axes, values, limits.of_joints(len(axes)), strict=True)
         words = [
             f"joint {number} at {axis.text(value, '.3f')} outside {axis.span(interval)}"
-            for number, (axis, value, interval) in enumerate(
-                zip(
-                    self.mechanism.joints,
-                    self.joints[row],
-                    limits.of_joints(len(self.mechanism.joints)),
-                    strict=True,
-                )
-            )
+            for number, (axis, value, interval) in enumerate(joints)
             if outside(value, interval)
         ]
         if Violation.TASK_LIMIT in violated:

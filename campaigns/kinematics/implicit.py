@@ -78,7 +78,7 @@ class ImplicitMechanism(Mechanism):
     reflector_mm: Place = (0.0, 0.0, 0.0)
     """Measured point seen from the controlled one, of a platform that is not turned."""
     home: tuple[float, ...] = ()
-    """Pose well inside the workspace, (t,), mm and rad: the robot file's; () is 0."""
+    """Pose well inside the workspace, (t,), mm and rad: the robot file's; () becomes 0."""
 
     joint_kinds: ClassVar[tuple[AxisKind, ...]]
     """Kind of each joint, (n,)."""
@@ -93,6 +93,7 @@ class ImplicitMechanism(Mechanism):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rates", self._checked_rates())
+        object.__setattr__(self, "home", self.home or (0.0,) * len(self.task))
         for arm, axis in enumerate(self.joints):
             offset = f"joint_offset_{axis.unit}"
             if offset not in {field.name for field in self.parameters.arm_fields(arm=arm)}:
@@ -221,13 +222,12 @@ class ImplicitMechanism(Mechanism):
     @override
     def home_at(self, place_mm: Sequence[float]) -> Array:
         pose = super().home_at(place_mm)
-        pose[3:] = self.home[3:] or 0.0
+        pose[3:] = self.home[3:]
         return pose
 
     def home_poses(self, joints: Array) -> Array:
         """Return the home pose for each row of joints (N, n), by `task_axes`, to begin at."""
-        home = np.array(self.home or (0.0,) * len(self.task))[self._moving]
-        return np.tile(home, (len(joints), 1))
+        return np.tile(np.array(self.home)[self._moving], (len(joints), 1))
 
     @override
     def points(self, poses: Array) -> Array:
@@ -246,8 +246,8 @@ class ImplicitMechanism(Mechanism):
     def facing(self, poses: Array, direction: Array) -> Array:
         if len(self.task) == 3:
             return direction
-        home = np.array([self.home or (0.0,) * len(self.task)])
-        return np.asarray(self.tool_axes(poses) @ (self.tool_axes(home)[0].T @ direction))
+        home = self.tool_axes(np.array([self.home]))[0]
+        return np.asarray(self.tool_axes(poses) @ (home.T @ direction))
 
     def _levers(self, poses: Array) -> Array:
         """Return the measured point seen from the controlled one, in the base frame, (N, 3)."""
