@@ -289,7 +289,7 @@ def create_on_cell(
     cell = parse_scenario(text, scenario)
     # 2. the nominal robot: how often gears ripple in a turn is on their data sheet, how much is not
     gears = cell.robot.transmission
-    if gears.ripple_arcsec and nominal.robot.mechanism.joints[0].is_revolute:
+    if gears.ripple_arcsec and nominal.robot.mechanism.rates_are_of_turns:
         nominal = with_ripples_per_turn(nominal, gears.ripples_per_turn)
     # 3. the settings, with what an operator would have measured: where tracker and nests stand
     tracker = cell.tracker

@@ -68,15 +68,20 @@ def _ask(
 
 
 def facts_of_controller(campaign: Campaign, robot: RobotController) -> Facts:
-    """Return identity, joints and faults of the controller."""
+    """Return identity, joints and faults of the controller.
+
+    Joints are a list, or one fact each where some are in deg and others in mm.
+    """
     identity, state = robot.identity(), robot.state()
     axes = campaign.robot.mechanism.joints
     # a robot that is moved by hand has no joints before the operator has typed them
-    joints = zip(axes, state.joints, strict=bool(state.joints))
+    read = zip(axes, state.joints, strict=bool(state.joints))
+    joints = {axis.column: round(axis.to_file(value), 6) for axis, value in read}
+    is_alike = len({axis.unit for axis in axes}) == 1
     return {
         "identity": str(identity),
         "serial": identity.serial,
-        f"joints_{axes[0].unit}": [round(axis.to_file(value), 6) for axis, value in joints],
+        **({f"joints_{axes[0].unit}": [*joints.values()]} if is_alike else joints),
         "moving": state.moving,
         "fault": state.fault,
         "emergency_stop": state.emergency_stop,

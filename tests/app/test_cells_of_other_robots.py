@@ -1,11 +1,16 @@
 """Every scenario, made a cell of every robot of the family."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from family_cases import MEMBERS
 
-from app.new_campaign import cell_text
+from app.cli.devices import facts_of_controller
+from app.new_campaign import cell_text, create_simulated
+from campaigns.campaign import open_campaign
 from campaigns.robots.robot import find_robot
+from drivers.values import Identity, RobotState
 from sim.cell import Cell
 from sim.scenarios.scenario import load_scenario, parse_scenario, scenario_text, shipped_scenarios
 
@@ -73,3 +78,68 @@ def test_its_errors_are_as_large_as_the_scenario_s(member):
 @all_scenarios
 def test_of_the_same_robot_is_the_scenario_as_it_was_written(name):
     assert cell_text(find_robot("par4-prototype").robot, name) == scenario_text(name)
+
+
+REACHING_ARM = """
+import numpy as np
+from pkmcal import PLANE, ImplicitMechanism, ParameterField, transmission_fields
+
+
+class ReachingArm(ImplicitMechanism):
+    joint_kinds = ("prismatic", "revolute")
+    task_axes = PLANE
+    arm_fields = (
+        ParameterField("joint_offset_mm", "offset, mm", "length", "offsets"),
+        ParameterField("joint_offset_deg", "offset, deg", "angle", "offsets"),
+        *transmission_fields("deg", "gear"),
+    )
+
+    def misfit(self, fields, joints, pose):
+        return pose - self.first_pose(fields, joints)
+
+    def first_joints(self, fields, poses):
+        x, y = poses.T
+        return np.stack([np.hypot(x, y), np.arctan2(y, x)], axis=1)
+
+    def first_pose(self, fields, joints):
+        reach, angle = joints[..., 0], joints[..., 1]
+        return np.stack([reach * np.cos(angle), reach * np.sin(angle)], axis=-1)
+
+
+ARM = ReachingArm("arm.py:ARM")
+"""
+REACHING_ROBOT = """schema: pkmcal/robot/1
+mechanism: arm.py:ARM
+name: reaching
+geometry:
+  arms:
+    - {joint_offset_mm: 300.0}
+    - {joint_offset_deg: 10.0}
+limits:
+  joint_mm: [0.0, 400.0]
+  joint_deg: [-120.0, 120.0]
+  x_mm: [350.0, 550.0]
+  y_mm: [-150.0, 150.0]
+"""
+
+
+def test_gears_behind_a_drive_have_their_rate_from_the_data_sheet(tmp_path):
+    (tmp_path / "arm.py").write_text(REACHING_ARM, encoding="utf-8")
+    file = tmp_path / "reaching.yaml"
+    file.write_text(REACHING_ROBOT, encoding="utf-8")
+    create_simulated(tmp_path / "cell", str(file), "gears")
+    gears = load_scenario(str(tmp_path / "cell" / "cell.yaml")).robot.transmission
+    campaign = open_campaign(tmp_path / "cell")
+    assert set(campaign.robot.mechanism.rates) == {gears.ripples_per_turn}
+
+
+def test_joints_of_both_kinds_are_listed_each_with_its_unit(tmp_path):
+    (tmp_path / "arm.py").write_text(REACHING_ARM, encoding="utf-8")
+    (tmp_path / "reaching.yaml").write_text(REACHING_ROBOT, encoding="utf-8")
+    robot = find_robot(str(tmp_path / "reaching.yaml")).robot
+    state = RobotState((120.0, 0.5), moving=False, fault="", emergency_stop=False)
+    identity = Identity("maker", "model", "7", "1", "robotline 1")
+    controller = SimpleNamespace(identity=lambda: identity, state=lambda: state)
+    facts = facts_of_controller(SimpleNamespace(robot=robot), controller)
+    assert (facts["q0_mm"], facts["q1_deg"]) == (120.0, pytest.approx(28.647890))
+    assert "joints_mm" not in facts

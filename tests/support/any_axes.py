@@ -69,8 +69,8 @@ POLAR_PARTS = '''"""An arm that turns about z, rises and reaches out."""
 
 import numpy as np
 
-from campaigns.kinematics.implicit import ImplicitMechanism
 from campaigns.kinematics.axes import POSITION
+from campaigns.kinematics.implicit import ImplicitMechanism
 from campaigns.kinematics.parameters import ParameterField
 
 
