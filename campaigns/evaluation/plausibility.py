@@ -144,7 +144,7 @@ def check_distances(nominal: Kinematics, shots: Shots, limit_mm: float, where: s
     rows = np.flatnonzero(modelled.is_solved & np.isfinite(shots.points_in_tracker_mm).all(axis=1))
     if len(rows) < FEWEST_SHOTS:
         return
-    positions, points = modelled.values[rows, :3], shots.points_in_tracker_mm[rows]
+    positions, points = nominal.points(modelled.values[rows]), shots.points_in_tracker_mm[rows]
     part = _greater_part(positions, points, scaled=False)
     _, residuals = _similarity(positions, points, part, scaled=False)
     off_mm = np.linalg.norm(residuals, axis=1)

@@ -130,7 +130,7 @@ def fit_place(kinematics: Kinematics, accepted: Sequence[Outcome]) -> tuple[Vect
     # the least certain; its lever is their extent across that direction, the second singular value
     # (root of a sum over the points, so that it grows with √n).
     modelled = kinematics.forward(np.array([outcome.joints for outcome in accepted]))
-    positions_mm = modelled.values[modelled.is_solved, :3]
+    positions_mm = kinematics.points(modelled.values[modelled.is_solved])
     points_mm = np.array([outcome.point_in_tracker_mm for outcome in accepted])[modelled.is_solved]
     if len(points_mm) < 4:
         return None

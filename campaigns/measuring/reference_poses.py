@@ -221,7 +221,7 @@ def _tracker_from_base(nominal: Kinematics, outcomes: Sequence[Outcome]) -> Arra
     modelled = nominal.forward(np.array([shot.joints for shot in outcomes]))
     points = np.array([shot.point_in_tracker_mm for shot in outcomes])
     solved = modelled.is_solved
-    return fit_transform(modelled.values[solved, :3], points[solved]).rotation
+    return fit_transform(nominal.points(modelled.values[solved]), points[solved]).rotation
 
 
 def _positions(nominal: Kinematics, joints: Array) -> Array:
