@@ -337,7 +337,7 @@ def cell_text(robot: RobotFile, scenario: str, seed: int | None = None) -> str:
     wanted = WantedRobot(
         mechanism=mechanism.name,
         geometry={name: robot.parameters[name] for name in mechanism.parameters.names},
-        units=tuple("deg" if axis.is_revolute else "mm" for axis in mechanism.joints),
+        units=tuple(axis.unit for axis in mechanism.joints),
         joint_limits=tuple(
             (round(axis.to_file(low), LIMIT_DIGITS), round(axis.to_file(high), LIMIT_DIGITS))
             for axis, (low, high) in limits

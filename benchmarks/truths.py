@@ -348,7 +348,7 @@ def draw_robot(
         flat=flat,
         build=build,
         gears=gears,
-        backlash=math.radians(size("backlash") / 60.0) * kind.scale,
+        backlash=math.radians(size("backlash") / 60.0) * kind.scales[0],
         ripple=ripple,
         rates=rates,
         phases=streams.of("phases").uniform(-math.pi, math.pi, arms),
@@ -411,5 +411,5 @@ def _bend(kind: PlateKind, situation: Situation, planned: PlannedShots, streams:
     """Return the bent arm, the joint from which it bends, and its rate."""
     arm = arm_of(streams, "bent", kind.arms)
     since, end = np.quantile(planned.joints[:, arm], [0.7, 1.0])
-    size = math.radians(situation.size("bent")) * kind.scale
+    size = math.radians(situation.size("bent")) * float(kind.scales[0])
     return np.array([arm, since, size / (end - since)])

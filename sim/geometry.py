@@ -195,11 +195,6 @@ class PlateKind(Kind):
         """Unit of all joints outside."""
         return "mm" if self.on_rails else "deg"
 
-    @property
-    def scale(self) -> float:
-        """Inner units of every joint that compare with a crank's turn of 1 rad."""
-        return CRANK_MM if self.on_rails else 1.0
-
     @cached_property
     def turns(self) -> tuple[str, ...]:
         """Names of the turns in a pose."""

@@ -32,7 +32,7 @@ class Axis:
         return self.kind == "revolute"
 
     @property
-    def unit(self) -> str:
+    def unit(self) -> Literal["deg", "mm"]:
         """Unit in files and on screens."""
         return "deg" if self.is_revolute else "mm"
 

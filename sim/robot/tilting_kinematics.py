@@ -104,7 +104,7 @@ def _compliance(flat: Mapping[str, float], kind: PlateKind) -> Array:
     # The parameter is the yielding of a drive whose joint lifts the plate by 300 mm a rad, or of a
     # carriage that lifts it by its own travel (docs/explanation/model.md, transmission).
     values = [flat.get(f"arm{arm}.compliance_{kind.unit}", 0.0) for arm in range(kind.arms)]
-    return kind.inner(values) * kind.scale / CRANK_MM
+    return kind.inner(values) * kind.scales / CRANK_MM
 
 
 def _build_mechanism(

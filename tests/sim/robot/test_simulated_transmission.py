@@ -52,7 +52,7 @@ def test_torques_of_the_weight_are_the_plates_rise(member):
     joints = robot.inverse(pose[None]).values_or_raise()[0]
     level = Plate.level(kind, pose[:3], float(pose[3:].sum()))
     plate = rods.settle(joints, level)[0]
-    step = 1e-4 * kind.scale
+    step = 1e-4 * float(kind.scales[0])
     heights = [
         rods.settle(joints + step * one, plate)[0].position_mm[2]
         - rods.settle(joints - step * one, plate)[0].position_mm[2]
