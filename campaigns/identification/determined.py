@@ -25,7 +25,6 @@ from campaigns.identification.findings import NOT_DETERMINED, NOT_TESTED, TOO_UN
 from campaigns.identification.options import QuantityWord
 from campaigns.kinematics.model import Kinematics
 
-UNITS: Mapping[QuantityWord, str] = {"position": "mm", "rotation": "deg"}
 MOST_ASSUMED = 0.5
 """Share of a quantity's variance that may come from tolerances if shots determine it."""
 FEWEST_DETERMINED = 1.0
@@ -49,7 +48,7 @@ class Determined:
     @property
     def unit(self) -> str:
         """Unit of σ."""
-        return UNITS[self.name]
+        return "mm" if self.name == "position" else "deg"
 
     @property
     def is_determined(self) -> bool:

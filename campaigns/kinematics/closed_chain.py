@@ -135,12 +135,10 @@ class ClosedChain(Mechanism):
         reflector_mm = reflector_mm or typical.reflector_mm
         return self.with_plate(replace(typical, joints_mm=joints_mm, reflector_mm=reflector_mm))
 
+    # Parameters do not change: a level part only translates, so that the place of the point on its
+    # part is a constant vector, which the frame of the measurements absorbs.
+    @override
     def seen_from(self, part: int | None) -> Self:
-        """Return this mechanism with the measured point on part 1 or 2; None: as controlled.
-
-        Parameters do not change: a level part only translates, so that the place of the point on
-        its part is a constant vector, which the frame of the measurements absorbs.
-        """
         controlled = self.controlled or self.platform
         if part is not None:
             measured = controlled.seen_from(part)
@@ -283,15 +281,13 @@ class ClosedChain(Mechanism):
     # 4. Only differences of places on the plate matter: a shift of the reflector acts like the
     #    opposite shift of all plate joints.
     # 5. Errors of the transmission act like the joint's offset, each times its factor.
+    #
+    # Left out are the change of the weight's loads with the pose and, of four arms, the curvature
+    # of rods that do not close: less than 1 % with parts at two tolerances.
+    @override
     def jacobian(
         self, p: Array, joints: Array, poses: Array, approach: Array | None = None
     ) -> Array:
-        """Return d(pose)/dp (N, t, P) at fixed encoder readings (N, n), of the poses there.
-
-        `poses` are (N, t), or the unknowns of an assembly, (N, t + 3). Left out are the change of
-        the weight's loads with the pose and, of four arms, the curvature of rods that do not close:
-        less than 1 % with parts at two tolerances. Raise `LinAlgError` at a singular pose.
-        """
         return self._jacobian(p, joints, poses, approach)[:, : len(self.task)]
 
     # The tool turns by the plate's tilt ψ and by θ about the plate's z: ω = dψ + z dθ but for
@@ -576,11 +572,10 @@ class ClosedChain(Mechanism):
     # 1. joints of the goal, at first the pose wanted, by the closed form;
     # 2. one Gauss-Newton step of the forward model at these joints: the pose reached;
     # 3. goal += pose wanted - pose reached, and again from 1.
+    #
+    # A row whose rounds do not settle has no solution: its joints would reach another pose.
+    @override
     def inverse(self, p: Array, poses: Array, approach: Array | None = None) -> tuple[Array, Mask]:
-        """Return the encoder readings (N, n) of poses (N, t), and which rows are solved.
-
-        A row whose rounds do not settle has no solution: its joints would reach another pose.
-        """
         geometry, goal = self.geometry(p), poses.copy()
         joints, is_solved = self._inverse_of_level_plate(geometry, goal)
         bends = geometry.tilts or geometry.compliance.any() or geometry.sag.any()

@@ -186,8 +186,8 @@ class ImplicitMechanism(Mechanism):
         arms = []
         for axis in self.joints:
             other = "mm" if axis.is_revolute else "deg"
-            lacking = {f"joint_offset_{other}", f"backlash_{other}", "compliance_mm"}
-            lacking |= {f"{stem}_{other}" for stem in transmission.STEMS} | {"compliance_deg"}
+            lacking = {f"{stem}_{other}" for stem in ("joint_offset", *transmission.STEMS)}
+            lacking |= {"compliance_mm", "compliance_deg"}
             if has_gears and not axis.is_revolute:
                 lacking |= {"ripple_sin_mm", "ripple_cos_mm"}
             fields = {field.name: field for field in self.arm_fields}  # gears and drives share some

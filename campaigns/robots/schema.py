@@ -288,14 +288,13 @@ def _literal(*words: str) -> Any:
 
 
 def _limits_model(mechanism: Mechanism) -> type[FileModel]:
-    joints = {axis.unit: axis for axis in mechanism.joints}
     what = {"deg": "encoder angle", "mm": "place of a carriage or length of a leg"}
-    of_joints = {
-        f"joint_{unit}": _range_of(axis, f"the lowest and the highest {what[unit]}")
-        for unit, axis in joints.items()
+    ranges = {
+        f"joint_{axis.unit}": _range_of(axis, f"the lowest and the highest {what[axis.unit]}")
+        for axis in mechanism.joints
     }
     # the reach of forearms bounds positions; other mechanisms need a range of each
-    of_task = {
+    ranges |= {
         axis.column: _range_of(
             axis, "the plate's lowest and highest angle" if axis.is_revolute
             else "the controlled point's lowest and highest place"
@@ -303,13 +302,10 @@ def _limits_model(mechanism: Mechanism) -> type[FileModel]:
         for axis in mechanism.task
         if axis.is_revolute or not (mechanism.has_forearms or axis.is_fixed)
     }  # fmt: skip
-    swing = Field(
-        gt=0.0, le=90.0, description="the largest angle of a forearm out of its arm's plane, deg"
-    )
-    of_forearms: dict[str, Definition] = {"forearm_swing_deg": (float, swing)}
-    return _make_model(
-        "LimitsContents", **of_joints, **of_task, **(of_forearms if mechanism.has_forearms else {})
-    )
+    if mechanism.has_forearms:
+        swing = "the largest angle of a forearm out of its arm's plane, deg"
+        ranges["forearm_swing_deg"] = (float, Field(gt=0.0, le=90.0, description=swing))
+    return _make_model("LimitsContents", **ranges)
 
 
 def _range_of(axis: Axis, limits_in_words: str) -> Definition:
