@@ -476,11 +476,11 @@ def line_tests(commanded: Array, points_mm: Array, noise: PointNoise) -> tuple[L
 def rotation_test(
     commanded: Array, points_mm: Array, noise: PointNoise, levers_mm: Array | float = 0.0
 ) -> RotationTest | None:
-    """Return the motion of the point while only the platform turns; None for one shot.
+    """Return the motion of the point while only the platform turns; None for one shot, or no turn.
 
     `levers_mm` (N, 3) are those of the reflector from the controlled point, which turn with it.
     """
-    if len(points_mm) < 2:
+    if len(points_mm) < 2 or commanded.shape[1] == len(AXES):
         return None
     points_mm = np.asarray(points_mm - levers_mm)
     first, second = np.triu_indices(len(points_mm), 1)

@@ -125,6 +125,11 @@ def test_rotation_is_the_largest_distance_between_any_two_points():
     assert rotation_test(*measured(half_circle[:1])) is None
 
 
+def test_shots_of_a_rotation_say_nothing_of_a_platform_that_does_not_turn():
+    commanded, points, noise = measured(np.eye(3))
+    assert rotation_test(commanded[:, :3], points, noise) is None
+
+
 def test_distance_errors_are_those_of_whole_pairs():
     test = validated(pairs([0.3, -0.6, 0.0])).distances
     assert test.mean.value_mm == pytest.approx(0.3)
