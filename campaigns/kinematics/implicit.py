@@ -48,6 +48,7 @@ STEP_MM = 30.0
 """Longest step of Newton's method, mm or mm at a lever."""
 SAME_MM = 1e-3
 """Distance below which two poses are of one assembly."""
+TINY = float(np.finfo(np.float64).tiny)
 DIFFERENCE = 1e-5
 """Step of differences that derivatives of closures are compared with, mm or rad."""
 
@@ -361,7 +362,8 @@ class ImplicitMechanism(Mechanism):
         return grown
 
     # Turns compare with shifts at the lever at which they move the closures as much, on average: so
-    # that a robot twice the size has the same margins.
+    # that a robot twice the size has the same margins. Where turns or a closure move nothing, the
+    # singular value is 0.
     @override
     def margins(self, p: Array, joints: Array, poses: Array) -> Margins:
         fields, true = self.fields_of(p), self.true_joints_at(p, joints)
@@ -372,9 +374,9 @@ class ImplicitMechanism(Mechanism):
         if is_turn.any():
             mean_squares = (by_pose**2).mean(axis=1)
             by_turn, by_place = mean_squares[:, is_turn], mean_squares[:, ~is_turn]
-            lever_mm = np.sqrt(by_turn.mean(axis=1) / by_place.mean(axis=1))
-            by_pose[..., is_turn] /= lever_mm[:, None, None]
-        by_pose /= np.linalg.norm(by_pose, axis=-1, keepdims=True)
+            lever_mm = np.sqrt(by_turn.mean(axis=1) / np.maximum(by_place.mean(axis=1), TINY))
+            by_pose[..., is_turn] /= np.maximum(lever_mm, TINY)[:, None, None]
+        by_pose /= np.maximum(np.linalg.norm(by_pose, axis=-1, keepdims=True), TINY)
         value[has_joints] = np.linalg.svd(by_pose, compute_uv=False)[:, -1]
         count = len(poses)
         return Margins(value, np.zeros((count, 0)), np.ones(count), np.zeros(count, dtype=np.bool_))

@@ -50,9 +50,11 @@ def robot_of_sizes(mechanism: Mechanism, name: str, sizes: SizeByOption) -> Robo
     require_millimetres(Parameters.of(mechanism.parameters, flat), f"{name}.yaml")
     middle = np.array([0.5 * sum(ends) for ends in limits.task if ends is not None])
     model = Kinematics.of(mechanism.with_home(middle), flat)
-    if not model.feasibility(limits, middle).feasible.all():
+    judged = model.feasibility(limits, middle)
+    if not judged.feasible.all():
         raise ConfigInvalid(
-            "a robot of these sizes does not reach the middle of its workspace",
+            "a robot of these sizes does not reach the middle of its workspace: "
+            + "; ".join(judged.describe(0)),
             remedy="check the sizes: the legs must span from the base to the platform",
         )
     stated = ", ".join(f"{size} {value:g}" for size, value in sizes.items())

@@ -61,6 +61,11 @@ def test_a_file_is_a_robot_that_stands_in_the_middle_of_its_workspace(made, mech
         ("hexapod", f"{SIZES['hexapod']} --pair 61", "--pair is 61°"),
         ("hexapod", "--base 400 --platform 150 --shortest 9 --longest 8", "not below --longest"),
         ("hexapod", "--base 400 --platform 150 --shortest 20 --longest 30", "does not reach"),
+        (
+            "hexapod",
+            "--base 400 --platform 0 --shortest 450 --longest 750",
+            "too near a singularity",
+        ),
         ("five-bar", "--base 0.2 --arm 0.2 --forearm 0.25", "mm: metres?"),
         ("five-bar", f"{SIZES['five-bar']} --first 10", "five-bar has no --first"),
         ("delta", "--base 200 --platform 45 --forearm 800", "--arm is missing"),
