@@ -299,9 +299,7 @@ def _cube(
     # 2. Its five poses, and cycles through them. The pose before each in the cycle is its approach,
     #    also in the first cycle: by ISO 9283 a pose is repeated from one direction.
     away = np.zeros((len(ISO_POSES), len(centre)))
-    moving = [
-        0.0 if axis.is_fixed else 1.0 for axis in robot.kinematics.mechanism.task[: len(AXES)]
-    ]
+    moving = [axis in robot.kinematics.mechanism.line_axes for axis in AXES]
     away[:, : len(AXES)] = 0.5 * edge_mm * ISO_PART * ISO_POSES * moving
     poses, notes = _shortened(middle, away, robot.first_reason, "ISO 9283's cube", edge_mm, " mm")
     visits = np.tile(poses, (config.cube_cycles, 1))

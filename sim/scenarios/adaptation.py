@@ -169,10 +169,8 @@ def computing_all(text: str) -> str:
 
 
 def _is_same(kind: Kind, flat: Mapping[str, float], other: Mapping[str, float]) -> bool:
-    within = {
-        name: SAME_WITHIN.get(field.unit, 0.0) for name, (_, field) in kind.parameters.items()
-    }
-    return all(abs(flat[name] - other[name]) <= within[name] for name in flat)
+    units = {name: field.unit for name, (_, field) in kind.parameters.items()}
+    return all(abs(flat[name] - other[name]) <= SAME_WITHIN.get(units[name], 0.0) for name in flat)
 
 
 def _geometry(kind: Kind, flat: Mapping[str, float]) -> CommentedMap:
