@@ -255,5 +255,5 @@ def free_mechanism(
             remedy="make a campaign with `pkmcal new DIR --robot FILE`, or dry-run it",
         )
     # without errors of gears and encoders, which the cell adds before and its controller after
-    names = [name for name in (*kind.names, *kind.extensions) if name in flat]
-    return StatedMechanism(kind, equations({name: flat[name] for name in names}))
+    names = (*kind.names, *kind.extensions)
+    return StatedMechanism(kind, equations({name: flat[name] for name in names if name in flat}))
