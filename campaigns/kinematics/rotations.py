@@ -60,10 +60,12 @@ def turn_between(first: Array, second: Array) -> Array:
 
     Returns:
         Rotation vectors (…, 3) of the length 2 tan(φ/2), rad: the angle φ to within φ³ / 12.
+        Infinite or NaN at exactly half a turn, whose axis has no sign.
     """
     sine = np.asarray(np.cross(first, second, axis=-2).sum(axis=-1))
     trace = (first * second).sum(axis=(-2, -1))
-    return np.asarray(2.0 * sine / (1.0 + trace)[..., None])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(2.0 * sine / (1.0 + trace)[..., None])
 
 
 # A rotation vector's change dω is no turn: the body turns by J dω, with

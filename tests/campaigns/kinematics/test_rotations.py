@@ -66,3 +66,9 @@ def test_frames_half_a_turn_apart_do_not_seem_to_agree():
     """The sine of the angle between them vanishes."""
     nearly = Rotation.from_rotvec([0.0, 0.0, np.pi - 1e-4]).as_matrix()
     assert np.abs(turn_between(np.eye(3), nearly)).max() > 1e4
+
+
+def test_frames_exactly_half_a_turn_apart_differ_without_a_warning():
+    """A robot whose θ goes from -90° to 90° asks for it, and warnings reach the user's screen."""
+    turned = np.diag([-1.0, -1.0, 1.0])
+    assert not np.isfinite(turn_between(np.eye(3), turned)).all()
