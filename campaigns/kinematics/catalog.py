@@ -84,7 +84,7 @@ def _load_mechanism(file: Path, name: str) -> Mechanism:
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:  # other people's code may raise anything
+    except (Exception, SystemExit) as error:  # other people's code may raise anything
         raise ImportError(f"{file}: {error}") from error
     mechanism = getattr(module, name)
     if not isinstance(mechanism, Mechanism):

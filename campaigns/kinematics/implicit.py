@@ -18,7 +18,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import ClassVar, Self
+from typing import ClassVar, Self, get_args
 
 import numpy as np
 from typing_extensions import override
@@ -96,6 +96,11 @@ class ImplicitMechanism(Mechanism):
         object.__setattr__(self, "rates", self._checked_rates())
         object.__setattr__(self, "home", self.home or (0.0,) * len(self.task))
         for arm, axis in enumerate(self.joints):
+            if axis.kind not in get_args(AxisKind):
+                raise ValueError(
+                    f"joint_kinds of {self.name} have {axis.kind!r} for joint {arm}, must be "
+                    f"{' or '.join(map(repr, get_args(AxisKind)))}"
+                )
             offset = f"joint_offset_{axis.unit}"
             if offset not in {field.name for field in self.parameters.arm_fields(arm=arm)}:
                 raise ValueError(f"arm_fields of {self.name} have no {offset} for joint {arm}")
@@ -153,10 +158,17 @@ class ImplicitMechanism(Mechanism):
                 )
                 for step in (1j * STEP, DIFFERENCE, -DIFFERENCE)
             )
+            if np.shape(exact) != (wanted := (len(axes), 1, size)):
+                return (
+                    f"misfit of {len(axes)} changes of its {word} has the shape "
+                    f"{np.shape(exact)}, must be {wanted}: np.hstack in it instead of closures?"
+                )
             slopes = np.subtract(ahead, back) / (2.0 * DIFFERENCE)
             off = np.abs(np.imag(exact) / STEP - slopes).max()
             if not off < 1e-4 * (1.0 + np.abs(slopes).max()):
                 return f"misfit loses the imaginary part of its {word}: abs or real in it?"
+            if by_pose and np.linalg.matrix_rank(np.imag(exact)[:, 0] / STEP) < size:
+                return "misfit leaves a motion of the platform free at home: a closure missing?"
         return ""
 
     # --- what follows ---------------------------------------------------------------------------

@@ -511,7 +511,7 @@ def _check_closures(mechanism: Mechanism, parameters: Parameters) -> None:
         return
     try:
         fault = mechanism.fault_of_closures(parameters.vector)
-    except Exception as error:  # other people's code may raise anything
+    except (Exception, SystemExit) as error:  # other people's code may raise anything
         fault = f"{type(error).__name__} in its functions: {error}"
         raise ConfigInvalid(f"{mechanism.name}: {fault}", remedy=remedy) from error
     if fault:

@@ -87,6 +87,10 @@ def test_faults_of_an_author_are_told_in_a_line(folder):
         ('"joint_offset_mm"', '"offset_mm"', "have no joint_offset_mm for joint 0"),
         ("return x + np", "return x[:, :1]  # np", "first_joints returns the shape"),
         ("** 2) / (2.0", "** 2)[..., :1]  # (2.0", "misfit of the first"),
+        ("return (x**2", "return np.hstack([x[..., :1], x[..., 1:]])  # (x", "must be (2, 1, 2)"),
+        ("return (x**2", "return (x + y) * [1, 2]  # (x", "leaves a motion of the platform free"),
+        ('("prismatic", "prismatic")', '("prismatic", "screw")', "'screw' for joint 1, must be"),
+        ('BIGLIDE = Biglide("biglide")', "raise SystemExit(3)", "gives no mechanism"),
     ):
         assert line in PYTHON
         text, robot = PYTHON.replace(line, wrong), ROBOT
