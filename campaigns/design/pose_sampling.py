@@ -78,10 +78,13 @@ class FeasibleRegion:
 
     def can_measure(self, poses: Array) -> Mask:
         """Return which poses can be taken and seen, whatever the space allows, (N,)."""
-        facing = self.kinematics.mechanism.facing(poses, self.reflector_facing)
-        angles = incidence_rad(poses[:, :3], self.view_from_mm, facing)
-        is_seen = angles <= self.acceptance_rad
+        is_seen = self.incidence_rad(poses) <= self.acceptance_rad
         return np.asarray(self.kinematics.feasibility(self.limits, poses).feasible & is_seen)
+
+    def incidence_rad(self, poses: Array) -> Array:
+        """Return the angle of the beam to the reflector's axis at poses (N, t), (N,)."""
+        facing = self.kinematics.mechanism.facing(poses, self.reflector_facing)
+        return incidence_rad(poses[:, :3], self.view_from_mm, facing)
 
     def refusals(self, count: int, rng: np.random.Generator) -> Refusals:
         """Count the refusals by the space among `count` poses that can be taken and seen.

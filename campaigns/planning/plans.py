@@ -22,7 +22,6 @@ from campaigns.design.pose_sampling import (
     FeasibleRegion,
     WorkspaceTooSmall,
     boundary_poses,
-    incidence_rad,
     interior_poses,
     random_pairs,
     sample_workspace,
@@ -204,8 +203,7 @@ def _check_centre(region: FeasibleRegion) -> None:
         )
     if not region.can_measure(centre)[0]:
         _check_tracker(region)
-        facing = region.kinematics.mechanism.facing(centre, region.reflector_facing)
-        away_rad = incidence_rad(centre[:, :3], region.view_from_mm, facing)
+        away_rad = region.incidence_rad(centre)
         raise PlanInvalid(
             f"{at} cannot be seen: the reflector looks {np.degrees(away_rad[0]):.0f}° away from "
             f"the tracker, limit {np.degrees(region.acceptance_rad):g}°",

@@ -24,6 +24,7 @@ from campaigns.arrays import AXES, Array, Index, Mask
 from campaigns.design.pose_sampling import FeasibleRegion
 from campaigns.design.restricted_space import ROUNDING_MM, UNRESTRICTED, RestrictedSpace
 from campaigns.errors import PlanInvalid
+from campaigns.kinematics.axes import Interval
 from campaigns.kinematics.feasibility import Limits
 from campaigns.kinematics.model import Kinematics, KinematicSolution
 from campaigns.kinematics.transmission import approach_along
@@ -44,7 +45,7 @@ SHRINKS = 20
 SHORTEST_PART = SHRINK ** (SHRINKS - 1)
 """Smallest part of a line or turn that is tried: 0.68."""
 LINE_PROBES = 401
-"""Number of points at which a line is tried for the length that fits."""
+"""Number of points at which a line or turn is tried for the length that fits."""
 ISO_POSES = np.array([[-1, 1, 1], [1, 1, 1], [1, -1, -1], [-1, -1, -1], [0, 0, 0]], dtype=float)
 """ISO 9283's P5 to P1, in a cycle's order, on the plane C1-C2-C7-C8 of a cube with corners ± 1."""
 ISO_PART = 0.8
@@ -124,15 +125,15 @@ def validation_steps(
 ) -> Planned:
     """Plan the steps of the tests in `only`; `pairs` are the plan's validation shots.
 
-    `region` is where the largest cube is sought; it is of the nominal robot, so that the cubes
-    before and after a load are equal. Raise `PlanInvalid` if a test cannot be done at all, or a way
-    between poses is not safe.
+    `region` is where the largest cube is sought, and shows how far turns keep the reflector in
+    sight; it is of the nominal robot, so that tests before and after a load are equal. Raise
+    `PlanInvalid` if a test cannot be done at all, or a way between poses is not safe.
     """
     centre = robot.kinematics.mechanism.home_at(config.centre_mm)
     # 1. The tests. Pairs come first: spread widely, they determine where the tracker stands.
     makers: Mapping[ShotSet, Callable[[], Iterator[Planned]]] = {
         ShotSet.VALIDATION: lambda: _possible_pairs(pairs, robot),
-        ShotSet.ROTATION: lambda: _rotations(centre, config.rotation_steps, robot),
+        ShotSet.ROTATION: lambda: _rotations(centre, config.rotation_steps, robot, region),
         ShotSet.STRAIGHTNESS: lambda: _lines(centre, config, robot),
         ShotSet.REPEATABILITY: lambda: _repetitions(
             centre, config.repeatability_approaches, robot, rng
@@ -365,20 +366,48 @@ def _largest_block(mask: Mask) -> tuple[Index, int]:
     return np.zeros(mask.ndim, dtype=np.intp), 0
 
 
-def _rotations(centre: Array, steps: int, robot: Reachable) -> Iterator[Planned]:
+def _rotations(
+    centre: Array, steps: int, robot: Reachable, region: FeasibleRegion | None
+) -> Iterator[Planned]:
     """Turn about each task axis that has limits; there is none if the platform only translates."""
-    # `away` holds the turns themselves, from limit to limit, so the middle pose is unturned.
     axes = zip(robot.kinematics.mechanism.task, robot.limits.task, strict=True)
     for place, (axis, interval) in enumerate(axes):
         if not axis.is_revolute or interval is None:
             continue
-        away = np.zeros((steps, len(centre)))
-        away[:, place] = np.linspace(*interval, steps)
-        middle = centre.copy()
-        middle[place] = 0.0
-        wanted = axis.to_file(interval[1] - interval[0])
-        poses, notes = _shortened(middle, away, robot.first_reason, "rotation", wanted, "°")
-        yield _steps(ShotSet.ROTATION, poses, robot), notes
+        (low, high), notes = _seen_turns(centre, place, interval, region)
+        middle, away = centre.copy(), np.zeros((steps, len(centre)))
+        middle[place] = 0.5 * (low + high)
+        away[:, place] = np.linspace(low, high, steps) - middle[place]
+        wanted = axis.to_file(high - low)
+        poses, shortened = _shortened(middle, away, robot.first_reason, "rotation", wanted, "°")
+        yield _steps(ShotSet.ROTATION, poses, robot), notes + shortened
+
+
+# A reflector on a platform of one's own turns with it: beyond its acceptance angle it is lost.
+def _seen_turns(
+    centre: Array, place: int, limits: Interval, region: FeasibleRegion | None
+) -> tuple[Interval, tuple[str, ...]]:
+    """Return the longest range of one turn at the centre, rad, where the tracker sees it.
+
+    With a note if that is not all from limit to limit.
+    """
+    if region is None:
+        return limits, ()
+    turns, poses = np.linspace(*limits, LINE_PROBES), np.tile(centre, (LINE_PROBES, 1))
+    poses[:, place] = turns
+    away_rad = region.incidence_rad(poses)
+    seen = np.flatnonzero(away_rad <= region.acceptance_rad)
+    if len(seen) in (0, LINE_PROBES):  # a centre that is not seen is named by the plan
+        return limits, ()
+    longest = max(np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1), key=len)
+    low, high = turns[longest[[0, -1]]].tolist()
+    size, part = np.degrees([limits[1] - limits[0], high - low])
+    note = (
+        f"rotation shortened from {size:g} to {part:.4g}°: the reflector turns "
+        f"{np.degrees(away_rad.max()):.0f}° from the tracker, "
+        f"limit {np.degrees(region.acceptance_rad):g}°"
+    )
+    return (low, high), (note,)
 
 
 def _lines(centre: Array, config: ValidationConfig, robot: Reachable) -> Iterator[Planned]:

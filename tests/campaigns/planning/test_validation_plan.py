@@ -15,9 +15,10 @@ from campaigns.design.pose_sampling import FeasibleRegion
 from campaigns.errors import PlanInvalid
 from campaigns.kinematics.model import KinematicSolution
 from campaigns.planning.paths import RobotModel
+from campaigns.planning.plans import View, region_of
 from campaigns.planning.steps import Step
 from campaigns.planning.validation_plan import APPROACHES_MM, Planned, Reachable, validation_steps
-from campaigns.robots.robot import pose_row, read_robot
+from campaigns.robots.robot import pose_of, pose_row, read_robot
 from campaigns.settings.sections import ValidationConfig
 from campaigns.shots.shot_sets import ShotSet
 
@@ -237,3 +238,19 @@ def test_each_of_three_turns_is_tested_by_itself(tmp_path) -> None:
         expected = np.zeros((5, 3))
         expected[:, axis] = np.linspace(-limit, limit, 5)
         np.testing.assert_allclose(rows, expected, atol=1e-9)
+
+
+def test_a_turn_ends_where_the_tracker_loses_the_reflector(tmp_path) -> None:
+    """On a platform of its own the reflector turns too, but about the beam it stays in sight."""
+    robot = read_robot(robot_file(tmp_path, "hexapod")).robot
+    config = ValidationConfig(centre_mm=(0.0, 0.0, -550.0), rotation_steps=5)
+    view = View((2500.0, 0.0, -550.0), (1.0, 0.0, 0.0), np.radians(12.0))
+    region = region_of(robot, view, pose_of(robot.workspace_centre))
+    hexapod, turns = Reachable(robot.kinematics, robot.limits), frozenset({ShotSet.ROTATION})
+    found = validation_steps(config, (), hexapod, turns, np.random.default_rng(1), region)
+    turned = np.degrees(poses(found, ShotSet.ROTATION)[:, 3:])
+    assert np.abs(turned).max(axis=0) == pytest.approx([15.0, 12.0, 12.0], abs=0.1)
+    assert found[1] == (
+        "rotation shortened from 30 to 24°: the reflector turns 15° from the tracker, limit 12°",
+        "rotation shortened from 40 to 24°: the reflector turns 20° from the tracker, limit 12°",
+    )
