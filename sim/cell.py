@@ -43,7 +43,7 @@ from sim.tracker.beam import Beam, Scene, Target
 from sim.tracker.instrument import SimulatedTracker, TakenShot, TrackerState
 
 SCHEMA: Literal["pkmcal/cell-memory/1"] = "pkmcal/cell-memory/1"
-REMEDY = "delete the simulated cell's memory to begin with a new cell"
+REMEDY = "delete the simulated cell's memory, cell-memory.json, to begin with a new cell"
 NEST_PREFIX = "nest "
 """Before the names of nests, so that none is called as another target."""
 REMEMBERED_WITHIN_MM = 0.1
@@ -309,7 +309,10 @@ def _restore_standing(state: CellMemory, mechanism: Mechanism, growth: Growth) -
     except AssemblyLost as error:
         raise SimError(f"the cell's memory is damaged: {error.problem}", remedy=REMEDY) from error
     if np.abs(assembly.plate.unknowns - plate.unknowns).max() > REMEMBERED_WITHIN_MM:
-        raise SimError("the cell's memory is damaged: its plate is elsewhere", remedy=REMEDY)
+        raise SimError(
+            "the cell's memory is damaged, or cell.yaml was changed: its plate is elsewhere",
+            remedy=REMEDY,
+        )
     return Standing(
         np.array(state.encoders_rad),
         np.array(state.play_rad),

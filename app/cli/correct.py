@@ -68,8 +68,9 @@ def command(
     corrected = correct_file(campaign, poses, path, robot, turns=turns, overwrite=force)
     mean_mm, max_mm = corrected.correction_mm
     terminal.say(f"written: {path}")
+    poses_word = "pose" if corrected.targets == 1 else "poses"
     terminal.say(
-        f"{corrected.targets} poses, corrected by {mean_mm:.3f} mm on average, "
+        f"{corrected.targets} {poses_word}, corrected by {mean_mm:.3f} mm on average, "
         f"{max_mm:.3f} mm at most{_sigma(corrected.std_mm, campaign, robot)}"
     )
     answer = CorrectAnswer(

@@ -11,7 +11,6 @@ from app.console import Terminal
 from app.next import tell_next
 from app.options import Force
 from campaigns.campaign import Campaign
-from campaigns.robots.robot import FOR_SOME_CONTROLLERS
 from campaigns.workflow import exporting
 
 Format = Literal["yaml", "linuxcnc", "plain", "shots"]
@@ -74,8 +73,8 @@ def command(
         path = exporting.export_hal(campaign, to, overwrite=force)
     else:
         path, robot = exporting.export(campaign, to, overwrite=force)
-        if robot.is_extended:
-            terminal.note(FOR_SOME_CONTROLLERS)
+        if robot.remark:
+            terminal.note(robot.remark)
     terminal.say(f"written: {path}")
     answer = ExportAnswer(path) if left_mm is None else PlainExportAnswer(path, left_mm)
     terminal.conclude(answer, tell_next(terminal, campaign))

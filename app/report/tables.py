@@ -374,8 +374,9 @@ def undetermined_in_words(identification: IdentificationResult) -> Iterator[str]
         yield f"no shot determines {', '.join(alone)}: kept at nominal"
     together = len(undetermined) - len(alone)
     if together:
+        word = "combination" if together == 1 else "combinations"
         yield (
-            f"no shot determines {together} combinations of parameters, such as motions of the "
+            f"no shot determines {together} {word} of parameters, such as motions of the "
             "base frame: kept at nominal (the report lists them)"
         )
 

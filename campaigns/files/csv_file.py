@@ -154,7 +154,8 @@ class CsvRow:
         if (value := column.read(text)) is not None:
             return value
         if not text:
-            raise self.wrong(f"{name} is empty", remedy=f"give {column.wanted}")
+            word = "empty" if name in self.texts else "missing"
+            raise self.wrong(f"{name} is {word}", remedy=f"give {column.wanted}")
         if WITH_COMMA.fullmatch(text):
             raise self.wrong(f"{name} is '{shown(text)}', a decimal comma", remedy=_POINT_REMEDY)
         raise self.wrong(

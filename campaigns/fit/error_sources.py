@@ -58,7 +58,7 @@ SOURCES: Mapping[str, ErrorSource] = {
         ErrorSource("offsets", "joint offsets", 5 * DEG, 5.0,
                     "homing by eye", "home the joints again",
                     is_learned=False, drift_of_angles=0.002 * DEG, drift_of_lengths=0.01),
-        ErrorSource("plate", "the platform's own length", 5 * DEG, 5.0,
+        ErrorSource("plate", "the platform's own sizes", 5 * DEG, 5.0,
                     "any plate that was measured by a calliper", MEASURE,
                     is_learned=False, drift_of_lengths=0.005),
         ErrorSource("reflector", "the reflector's place on the plate", 5 * DEG, 30.0,

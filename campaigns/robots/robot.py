@@ -50,6 +50,11 @@ FOR_SOME_CONTROLLERS = (
     "`pkmcal correct`"
 )
 """Remark on a set with tilts and skews, for the user who writes it to a file."""
+FOR_CONTROLLERS_WITH_ALL = (
+    "only a controller that computes with errors of gears and encoders takes them; for any other: "
+    "`pkmcal correct`"
+)
+"""The same of a mechanism whose plain form is not known."""
 INNER_OF = {"mm": 1.0, "deg": math.pi / 180.0, "ppm": 1e-6}
 """Factors from the units of tolerances in the file to mm, rad and ratios."""
 EXPANSION, EXPANSIONS = "_expansion_ppm", "expansion_ppm_per_degC"
@@ -128,6 +133,13 @@ class RobotFile:
     def is_extended(self) -> bool:
         """Whether a parameter beyond those that every controller has is not 0."""
         return bool(self.parameters.extended_by)
+
+    @property
+    def remark(self) -> str:
+        """Which controllers take the set, and what to do for others; "" if all take it."""
+        if not self.is_extended:
+            return ""
+        return FOR_SOME_CONTROLLERS if self.mechanism.has_forearms else FOR_CONTROLLERS_WITH_ALL
 
     def require_known(self, lacking: Collection[str], remedy: str) -> None:
         """Raise `ConfigInvalid` where a parameter that a controller lacks is not 0."""

@@ -420,3 +420,16 @@ def test_robot_in_metres_is_refused_and_told_so(tmp_path):
     said = refusal(ConfigInvalid, read_robot, written(tmp_path, text), begins=str(tmp_path))
     assert "arm0.forearm_mm is 0.7, and no length is above 5 mm: metres?" in said
     assert "such as 700" in said
+
+
+def test_the_remark_on_a_set_names_only_what_its_mechanism_has():
+    """`export --format plain` and pkmkins refuse a hexapod, so they are no advice for it."""
+    par4, hexapod = (find_robot(name).robot for name in ("par4-prototype", "hexapod"))
+    assert par4.remark == hexapod.remark == ""
+    for robot, has_plain in ((par4, True), (hexapod, False)):
+        name = next(word for word in robot.parameters.table.of_robot if "backlash" in word)
+        values = Parameters.of(robot.parameters.table, robot.parameters | {name: 0.01})
+        extended = RobotFile.of(robot.mechanism, values, name="found", limits=robot.limits)
+        assert extended.is_extended
+        assert ("--format plain" in extended.remark) == has_plain
+        assert "pkmcal correct" in extended.remark

@@ -63,6 +63,7 @@ def test_our_own_columns_are_a_rotation_vector_and_are_written_again():
         ("qw,qx,qy,qz", "1,0,0,0", "zyx", "qw,qx,qy,qz are no zyx"),
         ("w_deg,p_deg,r_deg", "1,2,3", "quaternion", "w_deg,p_deg,r_deg are no quaternion"),
         ("w_deg,p_deg,r_deg", "1,,3", "zyx", "p_deg is empty"),
+        ("rx_deg", "1", None, "ry_deg is missing"),
         ("rx_deg,ry_deg,rz_deg,qw,qx,qy,qz", "1,2,3,1,0,0,0", None, "stated twice, by rx_deg"),
     ],
 )
