@@ -143,3 +143,11 @@ def test_joints_of_both_kinds_are_listed_each_with_its_unit(tmp_path):
     facts = facts_of_controller(SimpleNamespace(robot=robot), controller)
     assert (facts["q0_mm"], facts["q1_deg"]) == (120.0, pytest.approx(28.647890))
     assert "joints_mm" not in facts
+
+
+@pytest.mark.parametrize("name", ["delta", "h4", "i4r", "five-bar", "par4-table1"])
+def test_only_a_par4_gets_the_papers_errors_without_being_asked(name, tmp_path):
+    """With them a Delta's and an I4's dry run was refused by `load`, and an H4 got stuck."""
+    create_simulated(tmp_path / "c", name)
+    wanted = "paper-prototype" if name.startswith("par4") else "realistic"
+    assert f"name: {wanted}\n" in (tmp_path / "c" / "cell.yaml").read_text(encoding="utf-8")
