@@ -11,7 +11,7 @@ import numpy as np
 from app.options import REFLECTOR_HELP, REFLECTOR_METAVAR, completer, read_place
 from campaigns.errors import OptionsInvalid, OutputExists
 from campaigns.files import text_file
-from campaigns.kinematics.catalog import FAMILY, PAR4
+from campaigns.kinematics.catalog import FAMILY
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.implicit import ImplicitMechanism
 from campaigns.kinematics.parameters import Role
@@ -37,7 +37,7 @@ from sim.scenarios.scenario import edited, parse_scenario, scenario_text, shippe
 DEFAULT_ROBOT = "par4-prototype"
 DEFAULT_SCENARIO = "paper-prototype"
 OTHERS_SCENARIO = "realistic"
-"""Scenario of all robots but a Par4: errors of the size of the paper's are not typical of them.
+"""Scenario of mechanisms unlike the default robot's: the paper's errors are not typical of them.
 
 Cranks that are 4° off use up a five-bar's margin from singularities; drawn for a Delta some are
 more than 5° off, which a load refuses, and an H4 is held by its rods.
@@ -280,7 +280,8 @@ def create_on_cell(
     """
     # 1. the cell: the scenario, made one of the robot's mechanism and size
     nominal = find_robot(robot) if isinstance(robot, str) else robot
-    usual = DEFAULT_SCENARIO if nominal.robot.mechanism.name == PAR4.name else OTHERS_SCENARIO
+    is_alike = nominal.robot.mechanism.name == find_robot(DEFAULT_ROBOT).robot.mechanism.name
+    usual = DEFAULT_SCENARIO if is_alike else OTHERS_SCENARIO
     scenario = choice.scenario or usual
     text = cell_text(nominal.robot, scenario, choice.seed)
     if choice.for_dry_run:

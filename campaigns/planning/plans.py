@@ -199,7 +199,9 @@ def _check_centre(region: FeasibleRegion) -> None:
     if not judged.feasible[0]:
         reasons = judged.describe(0)
         raise PlanInvalid(
-            f"{at} cannot be taken: {'; '.join(reasons)}", remedy="correct validation.centre_mm"
+            f"{at} cannot be taken: {'; '.join(reasons)}",
+            remedy="correct validation.centre_mm, or limits in robot.yaml, from which plans keep "
+            "a reserve",
         )
     if not region.can_measure(centre)[0]:
         _check_tracker(region)
