@@ -415,7 +415,7 @@ class _JudgedCampaign:
         # The frames were fitted with the identified robot. To be judged fairly the nominal robot
         # gets its own best rigid fit, one for each frame.
         kept, rows = fit.kept, self._fitted_rows
-        positions = self.at_nominal.values[rows][kept, :3]
+        positions = self.nominal.points(self.at_nominal.values[rows][kept])
         points, frame = fit.observations.points[kept], fit.observations.frame[kept]
         before = np.empty_like(points)
         for number in np.unique(frame).tolist():

@@ -16,6 +16,7 @@ from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
 from campaigns.settings.sections import KnownLengthConfig
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import Shots
 
 MECHANISMS = ("par4-prototype", "h4", "i4r", "i4l", "delta", "linear-delta")
 SHOTS = 60
@@ -306,3 +307,12 @@ def test_parameters_far_beyond_their_tolerance_are_those_of_the_fit():
     placed = fit_transform(poses.values_or_raise()[:, :3], shots.points_in_tracker_mm[rows])
     apart = placed.apply(poses.values[:, :3]) - shots.points_in_tracker_mm[rows]
     assert np.sqrt((apart**2).sum(axis=1).mean()) < 1.5 * result.residuals.residuals_mm.after.rms
+
+
+def test_errors_of_the_nominal_robot_are_of_the_measured_point_where_a_tool_turns():
+    robot = find_robot("hexapod")
+    robot = replace(robot, mechanism=replace(robot.mechanism, reflector_mm=(20.0, -30.0, -45.0)))
+    poses, model = sample_workspace(robot, 24), robot.kinematics
+    points = model.points(poses) + np.random.default_rng(1).normal(0.0, 0.01, (24, 3))
+    result = api.identify(Shots.of(model.inverse(poses).values_or_raise(), points, robot), robot)
+    assert result.residuals.residuals_mm.before.rms < 0.03
