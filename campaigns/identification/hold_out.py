@@ -50,6 +50,34 @@ class UnseenPairs:
         return decide_change(mean, std, count - 1) == "larger"
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PredictedPoints:
+    """Points that were never fitted, by the fit: how far off they are, and how far they may be."""
+
+    residual: Array
+    """Predicted minus measured, (N, 3), mm."""
+    jacobian: Array
+    """Derivatives by all unknowns of the fit, (N, 3, Q)."""
+    scatter: Array
+    """Covariance by the robot's scatter, (N, 3, 3), mm²."""
+    noise: Array
+    """Covariance by all that is no unknown: scatter, tracker, layers between shots, (N, 3, 3)."""
+
+
+def predict_points(fit: Fit, unseen: Observations) -> PredictedPoints:
+    """Predict points at the identified unknowns, effects included."""
+    at = fit.model.predict(fit.at.x, fit.at.frames, unseen, unseen.near)
+    noise_of = noise_parts(fit.model, unseen, at.by_joint)
+    noise = sum(fit.factors.get(part, 1.0) * covariance for part, covariance in noise_of.items())
+    scatter = sum(fit.factors[part] * noise_of[part] for part in ("points", "joints"))
+    return PredictedPoints(
+        at.residual,
+        at.jacobian,
+        np.asarray(scatter),
+        noise + unseen_covariances(fit, at.by_moves, unseen),
+    )
+
+
 def unseen_pairs(
     fit: Fit,
     shots: Shots,
@@ -101,20 +129,16 @@ def _predicted_pairs(
     # 3. Propagate the covariance of the unknowns and the noise of the points to the distances.
     # 4. χ² by the full covariance, since all pairs have the parameters' errors in common.
     used, places = np.unique(rows, return_inverse=True)  # pairs may share a shot
-    unseen, model = observations.rows(used), fit.model
-    at = model.predict(fit.at.x, fit.at.frames, unseen, unseen.near)
+    unseen = observations.rows(used)
+    at = predict_points(fit, unseen)
     by_points = _distances_by_points(unseen.points, places.reshape(rows.shape))
     errors = (by_points * at.residual).sum(axis=(1, 2))
     by_unknowns = np.einsum("mnk,nkq->mq", by_points, at.jacobian)
     covariance = by_unknowns @ fit.covariance @ by_unknowns.T
-    noise_of = noise_parts(model, unseen, at.by_joint)
-    noise = sum(fit.factors.get(part, 1.0) * covariance for part, covariance in noise_of.items())
-    noise = noise + unseen_covariances(fit, at.by_moves, unseen)
-    covariance += np.einsum("ank,nkl,bnl->ab", by_points, noise, by_points, optimize=True)
+    covariance += np.einsum("ank,nkl,bnl->ab", by_points, at.noise, by_points, optimize=True)
     chi2 = float(errors @ np.linalg.solve(covariance, errors))
     # The robot's scatter was estimated from few shots: χ² has its degrees of freedom.
-    scatter = sum(fit.factors[part] * noise_of[part] for part in ("points", "joints"))
-    estimated = np.einsum("mnk,nkl,mnl->", by_points, scatter, by_points, optimize=True)
+    estimated = np.einsum("mnk,nkl,mnl->", by_points, at.scatter, by_points, optimize=True)
     dof = effective_dof(float(np.trace(covariance)), float(estimated), max(fit.freedom, 1.0))
     p = chance_of_larger(chi2, len(rows), dof)
     ratio = float(np.sqrt((errors**2).sum() / np.trace(covariance)))

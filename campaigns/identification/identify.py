@@ -13,8 +13,9 @@
 method, `--model paper`, branches off after step 1 (`paper.py`).
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -111,14 +112,35 @@ def identify(
     _check(nominal, shots, sessions=options.sessions)
     if options.model == "paper":
         return identify_as_paper(nominal, shots, at_nominal, options)
+    measured = {} if lengths is None else {"scale": lengths.scale}
+    campaign = fit_campaign(nominal, shots, at_nominal, options, measured, tell)
+    tell("stating the uncertainty")
+    return campaign.make_result(lengths)
+
+
+def fit_campaign(
+    nominal: Kinematics,
+    shots: Shots,
+    at_nominal: KinematicSolution,
+    options: IdentificationOptions,
+    lengths: Mapping[str, tuple[float, float]] | None = None,
+    tell: Tell = lambda _: None,
+) -> "FittedCampaign":
+    """Fit the identification shots of the robot by the model of all sources of error.
+
+    `at_nominal` are the poses of all shots by the nominal robot, `lengths` sources of the tracker
+    that known lengths measured.
+
+    Raise `ShotsMissing` for too few shots, `ShotsInvalid` for shots that lead to no robot.
+    """
     sessions = fitted_sessions(shots, at_nominal.is_solved, options)
     model = error_model(nominal, shots, options, len(sessions))
     observations = observations_of(
         shots, at_nominal.values, options, sessions if options.sessions else None
     )
-    prior = Prior()
-    if lengths is not None and "scale" in model.names:  # --fix scale holds it at nominal
-        prior = Prior(lengths={"scale": lengths.scale})
+    # --fix scale holds it at nominal
+    known = {name: value for name, value in (lengths or {}).items() if name in model.names}
+    prior = Prior(lengths=known)
     # 1. Explain the identification shots: effects of all kinds, wrong shots.
     # 2. Search for changes over all shots, and fit the identification shots with them.
     rows = _rows_in_time(shots, observations, ShotSet.IDENTIFICATION)
@@ -131,9 +153,7 @@ def identify(
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances; measure all over the workspace",
         ) from error
-    tell("stating the uncertainty")
-    judged = _JudgedCampaign(nominal, shots, at_nominal, options, observations, fit, events)
-    return judged.make_result(lengths)
+    return FittedCampaign(nominal, shots, at_nominal, options, observations, fit, events)
 
 
 # Changes are searched for over all shots in the order of time, hold-out shots too, as a diagnosis:
@@ -197,7 +217,7 @@ def update(
     fit = fit_with_former(nominal, shots, former, options, changed)
     events = tuple(event.of_shots(shots.numbers) for event in events_of(fit))
     datum = former_datum(former, fit)
-    campaign = _JudgedCampaign(
+    campaign = FittedCampaign(
         nominal, shots, at_nominal, options, fit.observations, fit, events, datum
     )
     result = campaign.make_result(None)
@@ -218,8 +238,8 @@ def update(
     return replace(result, judgement=judgement)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _JudgedCampaign:
+@dataclass(frozen=True, eq=False)
+class FittedCampaign:
     """Shots of a robot with their fit and events, from which the result is made."""
 
     nominal: Kinematics
@@ -234,15 +254,19 @@ class _JudgedCampaign:
     datum: NullDirections | None = None
     """Directions that priors alone determine; None: those that these shots do not determine."""
 
-    def make_result(self, lengths: KnownLengths | None) -> IdentificationResult:
+    @cached_property
+    def fit(self) -> Fit:
+        """Fit averaged over the sizes of groups, with what σ has of parts that may have changed."""
+        fit = integrate_sizes(self.likeliest)
+        return with_spread(fit, spread_over_parts(self.likeliest)) if steps_of(fit) else fit
+
+    def make_result(self, lengths: KnownLengths | None = None) -> IdentificationResult:
         """Return the result with its findings and verdict."""
         options, shots = self.options, self.shots
         # The datum: no parameter is held to fix the base frame. Instead what no shot determines is
         # where the priors like it best, and left out of σ, in all parameters below.
         null = self.datum or null_directions(self.likeliest)
-        fit = integrate_sizes(self.likeliest)
-        if steps_of(fit):
-            fit = with_spread(fit, spread_over_parts(self.likeliest))
+        fit = self.fit
         today = fit.model.of_today @ fit.at.x
         stated = null.transform(today)
         identified = fit.model.kinematics(stated)
