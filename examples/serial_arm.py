@@ -25,8 +25,8 @@ from pkmcal import (
     turn_between,
 )
 
+# Joints from which the inverse is searched: shoulder, elbow and wrist bend as here.
 READY_DEG = [0.0, -100.0, -100.0, -70.0, 90.0, 0.0]
-"""Joints from which the inverse is searched: shoulder, elbow and wrist bend as here."""
 D_MM, A_MM = [127.3, 0.0, 0.0, 163.9, 115.7, 92.2], [0.0, -612.0, -572.3, 0.0, 0.0, 0.0]
 ALPHA_DEG = [90.0, 0.0, 0.0, 90.0, -90.0, 180.0]
 
@@ -60,18 +60,20 @@ class SerialArm(ImplicitMechanism):
 
 def flange(fields, joints):
     """Place (…, N, 3) and axes (…, N, 3, 3) of the flange."""
-    place, frame = np.zeros(3), np.eye(3)
+    place, (x, y, z) = np.zeros(3), np.eye(3)
     for k in range(6):
-        d, a, alpha, beta = (fields[key][..., k] for key in ("d", "a", "alpha", "beta"))
-        frame = frame @ turn(2, joints[..., k])
-        place = place + a[..., None] * frame[..., 0] + d[..., None] * frame[..., 2]
-        frame = frame @ turn(0, alpha) @ turn(1, beta)
-    return place, frame
+        d, a, alpha, beta = (fields[key][..., k, None] for key in ("d", "a", "alpha", "beta"))
+        x, y = _turned(x, y, joints[..., k, None])
+        place = place + a * x + d * z
+        y, z = _turned(y, z, alpha)
+        z, x = _turned(z, x, beta)
+    return place, np.stack(np.broadcast_arrays(x, y, z), axis=-1)
 
 
-def turn(axis, angle):
-    """Rotation matrices (…, 3, 3) about x, y or z (0 to 2)."""
-    return matrices_of(angle[..., None] * np.eye(3)[axis])
+# Two axes (…, 3) of a frame that turns by an angle from the first towards the second.
+def _turned(first, second, angle):
+    cos, sin = np.cos(angle), np.sin(angle)
+    return cos * first + sin * second, cos * second - sin * first
 
 
 SERIAL_ARM = SerialArm("serial-arm")
@@ -84,5 +86,5 @@ sizes = {"d_mm": D_MM, "a_mm": A_MM, "alpha_deg": ALPHA_DEG, "joint_offset_deg":
 values = {f"arm{k}.{key}": value for key, each in sizes.items() for k, value in enumerate(each)}
 box = ((550.0, 950.0), (-350.0, 50.0), (250.0, 650.0), (-0.5, 0.5), (-0.5, 0.5), (-2.1, -1.0))
 robot = RobotFile.of(SERIAL_ARM, values, name="ur10", limits=Limits((-6.3, 6.3), box))
-made = plan(robot, tracker_mm=(2500.0, -300.0, 450.0), shots=60, seed=3)
-print(made)
+if __name__ == "__main__":
+    print(plan(robot, tracker_mm=(2500.0, -300.0, 450.0), shots=60, seed=3))

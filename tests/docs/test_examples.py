@@ -18,11 +18,11 @@ from pkmcal import sample_workspace
 
 @pytest.fixture
 def example(tmp_path, monkeypatch, capsys):
-    """Runs one in an empty folder: its names, and what it printed."""
+    """Runs one in an empty folder, as a program or a module: its names, and what it printed."""
     monkeypatch.chdir(tmp_path)
 
-    def run(name):
-        made = runpy.run_path(str(ROOT / "examples" / f"{name}.py"))
+    def run(name, as_name=None):
+        made = runpy.run_path(str(ROOT / "examples" / f"{name}.py"), run_name=as_name)
         return made, capsys.readouterr().out
 
     return run
@@ -90,7 +90,7 @@ def test_a_mechanism_of_ones_own_is_planned_and_studied(example, tmp_path):
 
 def test_a_serial_arm_is_where_its_links_are(example):
     """By frames of SciPy, one link after the other, with a small turn about y."""
-    made, said = example("serial_arm")
+    made, said = example("serial_arm", "__main__")
     robot, rng = made["robot"], np.random.default_rng(1)
     values = dict(robot.parameters) | {f"arm{k}.beta_deg": 0.1 * k for k in range(6)}
     bent = RobotFile.of(made["SERIAL_ARM"], values, name="bent", limits=robot.limits).kinematics
