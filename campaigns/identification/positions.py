@@ -12,7 +12,7 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.evaluation.region import Region
-from campaigns.fit.effects import Layer, Ripple
+from campaigns.fit.effects import Effect, Layer, Ripple
 from campaigns.fit.error_model import Observations, RobotPoints
 from campaigns.fit.error_sources import SOURCES, by_first_joint
 from campaigns.fit.fit import Fit
@@ -94,14 +94,20 @@ def uncertainty_of_positions(
     by_sample = without_frame(robot.by[:count], positions[:count])
     of_sample = position_std_mm(by_sample, covariance)
     followed = ratio * np.sqrt(of_sample**2 + between_shots[:count] + repeats[:count])
-    # what no parameter describes is an error of all who use the parameters alone
-    beyond = without_frame(_moved_beyond_parameters(fit, robot)[:count, :, None], positions[:count])
-    std = np.hypot(followed, ratio * np.linalg.norm(beyond, axis=(1, 2)))
+    # What no parameter describes is an error of all who use the parameters alone. `correct` follows
+    # layers, but no periods beyond the one of each joint in robot files.
+    beyond, periods = (
+        without_frame(_moved_by(fit, robot, kinds)[:count, :, None], positions[:count])
+        for kinds in ((Layer, Ripple), (Ripple,))
+    )
+    std, of_corrected = (
+        np.hypot(followed, ratio * np.linalg.norm(left, axis=(1, 2))) for left in (beyond, periods)
+    )
     of_all = position_std_mm(without_frame(robot.by, positions), covariance)
     of_both = np.sqrt(of_all**2 + between_shots + repeats)
     region = Region.of(sample, of_both[:count], of_both[count:], identified.mechanism.task)
     rms = float(np.sqrt((std**2).mean()))
-    corrected = float(np.sqrt((followed**2).mean())) if beyond.any() else None
+    corrected = float(np.sqrt((of_corrected**2).mean())) if beyond.any() else None
     sizes = PositionStd(float(std.mean()), float(std.max()), rms, len(workspace) - count, corrected)
     squares = dict(budget(fit, by_sample))
     if beyond.any():
@@ -121,11 +127,11 @@ def uncertainty_of_positions(
     )
 
 
-def _moved_beyond_parameters(fit: Fit, robot: RobotPoints) -> Array:
-    """Return how far what no parameter describes moves points, (N, 3), mm."""
+def _moved_by(fit: Fit, robot: RobotPoints, kinds: tuple[type[Effect], ...]) -> Array:
+    """Return how far effects of these kinds move points, (N, 3), mm."""
     moved = np.zeros_like(robot.by[..., 0])
     for effect, where in zip(fit.model.effects, fit.model.effect_places, strict=True):
-        if isinstance(effect, (Layer, Ripple)):
+        if isinstance(effect, kinds):
             moved += robot.by[..., where] @ fit.at.x[where]
     return moved
 

@@ -198,7 +198,7 @@ def test_what_a_layer_moves_is_an_error_of_parameters_and_none_of_who_follows_it
     assert difference == pytest.approx((moved**2).sum() / 20 + unseen, rel=0.02)
 
 
-def test_a_ripple_is_an_error_of_parameters_alone_too(fit):
+def test_a_ripple_beyond_those_of_the_robot_file_is_an_error_with_correct_too(fit):
     workspace = sample_of(20)
     ripple = Ripple((1,), 40.0, 0.5, 1e-4, -8.0)
     rippled = with_moved(fit, ripple, np.array([6.0, -2.0, 0.0]))
@@ -208,9 +208,12 @@ def test_a_ripple_is_an_error_of_parameters_alone_too(fit):
     moved = by_joints(rippled, joints, workspace)[..., 1:2] * wave[:, None, None]
     beyond = (placed(moved, workspace[:, :3]) ** 2).sum(axis=(1, 2))
     found = uncertainty_of_positions(rippled, identified(rippled), workspace, 1.0)
-    gap = found.position_std_mm.rms**2 - found.position_std_mm.corrected**2
+    without = with_moved(fit, ripple, np.zeros(3))
+    alone = uncertainty_of_positions(without, identified(rippled), workspace, 1.0)
+    gap = found.position_std_mm.rms**2 - alone.position_std_mm.rms**2
     assert gap == pytest.approx(beyond.mean(), rel=0.02)
-    assert rows_of(found)["layer"] == pytest.approx(gap)
+    assert rows_of(found)["layer"] == pytest.approx(gap, rel=0.02)
+    assert found.position_std_mm.corrected == pytest.approx(found.position_std_mm.rms)
 
 
 def test_the_region_ends_where_sigma_is_three_times_the_largest_at_shots_that_counted(fit):
