@@ -139,8 +139,8 @@ def fit_campaign(
         shots, at_nominal.values, options, sessions if options.sessions else None
     )
     # --fix scale holds it at nominal
-    known = {name: value for name, value in (lengths or {}).items() if name in model.names}
-    prior = Prior(lengths=known)
+    measured = {name: value for name, value in (lengths or {}).items() if name in model.names}
+    prior = Prior(lengths=measured)
     # 1. Explain the identification shots: effects of all kinds, wrong shots.
     # 2. Search for changes over all shots, and fit the identification shots with them.
     rows = _rows_in_time(shots, observations, ShotSet.IDENTIFICATION)

@@ -101,7 +101,8 @@ def uncertainty_of_positions(
         for kinds in ((Layer, Ripple), (Ripple,))
     )
     std, of_corrected = (
-        np.hypot(followed, ratio * np.linalg.norm(left, axis=(1, 2))) for left in (beyond, periods)
+        np.hypot(followed, ratio * np.linalg.norm(moved, axis=(1, 2)))
+        for moved in (beyond, periods)
     )
     of_all = position_std_mm(without_frame(robot.by, positions), covariance)
     of_both = np.sqrt(of_all**2 + between_shots + repeats)
