@@ -25,7 +25,7 @@ from campaigns.identification.identify import identify as identify_shots
 from campaigns.identification.observations import asked_shots, error_model
 from campaigns.identification.options import IdentificationOptions, ModelWord
 from campaigns.identification.result import IdentificationResult, StoredLayer
-from campaigns.planning.forecast import Forecast, forecast, judged_positions, judged_turns
+from campaigns.planning.forecast import Forecast, forecast, judged_both
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
@@ -282,8 +282,7 @@ def plan(
     else:
         planned = make_plan(robot, view, wanted, rng)
     planner = RobotModel(robot.kinematics, robot.limits, centre, restricted)
-    judged = judged_positions(model, planner, poses_of(planned))
-    turns = judged_turns(model, planner, poses_of(planned))
+    judged, turns = judged_both(model, planner, poses_of(planned))
     return Plan(planned, forecast(planned, model, np.array(place), instrument, judged, turns))
 
 

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from itertools import chain
 from typing import Literal, Self
 
 import numpy as np
@@ -155,12 +156,13 @@ class ParameterTable:
         # A vector of the geometry alone is the beginning of the whole one.
         rows: list[Parameter] = []
         for role in Role:
-            of_role = [[f for f in arm_fields if f.role is role] for arm_fields in arms]
-            of_arms = [Parameter(arm, field) for arm, own in enumerate(of_role) for field in own]
-            if role is not Role.GEOMETRY:  # each field of all arms together
-                order = list(dict.fromkeys(field.stem for own in of_role for field in own))
-                of_arms.sort(key=lambda parameter: order.index(parameter.field.stem))
-            rows += of_arms
+            together: dict[int | str, list[Parameter]] = {}
+            for arm, of_arm in enumerate(arms):
+                for field in of_arm:
+                    if field.role is role:  # the geometry of each arm, other fields of all arms
+                        key = arm if role is Role.GEOMETRY else field.stem
+                        together.setdefault(key, []).append(Parameter(arm, field))
+            rows += chain.from_iterable(together.values())
             rows += [Parameter(None, field) for field in platform_fields if field.role is role]
         return cls((*rows, *(Parameter(None, field) for field in EXPANSIONS)), rate)
 

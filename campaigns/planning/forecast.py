@@ -88,7 +88,7 @@ def forecast(
     """Return the forecast of a plan seen from the tracker's place (3,) in the base frame.
 
     `judged` (N, 3, P) are derivatives of positions, as by `judged_positions`, `turns` those of the
-    tool's turn, as by `judged_turns`; None: of no interest.
+    tool's turn, as by `judged_both`; None: of no interest.
     Raise `PlanInvalid` for fewer shots than determine the tracker's frame.
     """
     # The forecast is for whole pairs of the identification set; approach directions are taken
@@ -164,19 +164,20 @@ def judged_positions(model: ErrorModel, robot: RobotModel, otherwise: Array) -> 
     return judged_at(model, robot.kinematics, joints, poses)
 
 
-def judged_turns(model: ErrorModel, robot: RobotModel, otherwise: Array) -> Array | None:
-    """Return derivatives (N, 3, P) of the tool's turn there, deg; None for a robot without turns.
+def judged_both(
+    model: ErrorModel, robot: RobotModel, otherwise: Array
+) -> tuple[Array, Array | None]:
+    """Return what `judged_positions` does, and derivatives (N, 3, P) of the tool's turn there, deg.
 
-    They are without turns of the base's and of the tool's axes. Arguments and errors are those of
-    `judged_positions`.
+    These are without turns of the base's and of the tool's axes; None for a robot without turns.
     """
-    mechanism = robot.kinematics.mechanism
-    if len(mechanism.task) == len(AXES):
-        return None
-    joints, poses = _judged_poses(robot, otherwise)
+    kinematics, (joints, poses) = robot.kinematics, _judged_poses(robot, otherwise)
+    positions = judged_at(model, kinematics, joints, poses)
+    if len(kinematics.mechanism.task) == len(AXES):
+        return positions, None
     observations = Observations.unmeasured(joints, poses)
-    by = model.turns_by_unknowns(np.zeros(model.size), observations, poses)
-    return without_axes(np.degrees(by), mechanism.tool_axes(poses))
+    turns = np.degrees(model.turns_by_unknowns(np.zeros(model.size), observations, poses))
+    return positions, without_axes(turns, kinematics.mechanism.tool_axes(poses))
 
 
 def _judged_poses(robot: RobotModel, otherwise: Array) -> tuple[Array, Array]:

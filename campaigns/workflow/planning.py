@@ -23,7 +23,7 @@ from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.repeats import PlannedVisits, planned_visits
 from campaigns.measuring.stopping_rule import read_goal
 from campaigns.options import PlanOptions
-from campaigns.planning.forecast import Forecast, forecast, judged_positions, judged_turns
+from campaigns.planning.forecast import Forecast, forecast, judged_both
 from campaigns.planning.optimal_plan import MOST_SHOTS, OptimalRequest, make_optimal_plan
 from campaigns.planning.plan_check import CheckedPlan, seconds_of_visits
 from campaigns.planning.plan_file import PlannedShot, write_beside_older
@@ -128,9 +128,8 @@ def _make_and_check(
         shots = make_plan(robot, campaign.view, request.plan, rng)
     checked = campaign.checked_plan(with_nests(shots, config.nests, config.known_lengths), tell)
     tell("predicting the uncertainty that the shots will give")
-    judged = judged_positions(model, campaign.robot_model, poses_of(shots))
+    judged, turns = judged_both(model, campaign.robot_model, poses_of(shots))
     tracker_mm = np.array(campaign.view.tracker_mm)
-    turns = judged_turns(model, campaign.robot_model, poses_of(shots))
     predicted = forecast(shots, model, tracker_mm, campaign.instrument, judged, turns)
     return PlannedCampaign(
         checked,
