@@ -383,10 +383,7 @@ def read_note(note: str) -> tuple[float | None, str | None]:
 
 def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: Mechanism) -> Shots:
     """Return the accepted shots of a series."""
-    # The journal's time of an import is when it was imported; when it was measured, if the file
-    # said so, is in its note.
     intents = [shot.intent for shot in shots]
-    times = [read_note(shot.outcome.raw_tracker)[1] or shot.measured_utc for shot in shots]
     measured = shots_of_outcomes(
         [shot.outcome for shot in shots],
         mechanism,
@@ -397,10 +394,18 @@ def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: Mechanism) -> Sho
     )
     return replace(
         measured,
-        measured_utc=tuple(times),
+        measured_utc=tuple(map(_measured_utc, shots)),
         nests=tuple(intent.nest for intent in intents),
         session=np.array([shot.session for shot in shots], dtype=np.intp),
     )
+
+
+# The journal's time of an import is when it was imported, milliseconds after the one before. Taken
+# as times of shots, slow motions would follow the clock of the import, another one at each import.
+def _measured_utc(shot: AcceptedShot) -> str:
+    """Return when a shot was measured; of an import what its file said, or else nothing."""
+    note = shot.outcome.raw_tracker
+    return (read_note(note)[1] or "") if NOTE.fullmatch(note) else shot.measured_utc
 
 
 def shots_of_outcomes(

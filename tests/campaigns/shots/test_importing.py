@@ -102,6 +102,15 @@ def test_shots_are_numbered_as_the_rows_and_written_in_the_order_of_time(tmp_pat
     assert data.order_of_time().tolist() == order.tolist()
 
 
+def test_shots_of_a_file_without_times_have_none_of_the_journal(tmp_path: Path) -> None:
+    """Otherwise slow motions would follow the clock of the import, another one at each import."""
+    _, shots = imported(tmp_path, (replace(rows()[0], time="2026-03-02 08:00"), *rows()[1:]))
+    data = shots_of_journal(shots, ROBOT.mechanism)
+    assert data.measured_utc == ("2026-03-02 08:00", *[""] * 7)
+    assert data.elapsed_s() is None
+    assert data.order_of_time().tolist() == list(range(8))
+
+
 @pytest.mark.parametrize(
     ("times", "order", "why"),
     [
