@@ -75,9 +75,10 @@ def test_a_before_with_other_parameters_is_told_and_decides_nothing(evidence):
 def test_limits_set_after_the_validation_are_judged_and_said_with_their_time(evidence):
     limits = AcceptanceConfig(distance_mean_mm=5.0)
     now = reconfigured(evidence, acceptance=limits)
-    for then, is_said in ((limits, False), (AcceptanceConfig(), True)):
-        settings = {"acceptance": then.model_dump(mode="json")}
-        started = restarted(now, "after", configuration=settings)
+    same, other = (each.model_dump(mode="json") for each in (limits, AcceptanceConfig()))
+    of_a_version_without = {key: limit for key, limit in same.items() if limit is not None}
+    for then, is_said in ((same, False), (other, True), (of_a_version_without, False)):
+        started = restarted(now, "after", configuration={"acceptance": then})
         verdict = Evaluation(started).verdict
         assert verdict.decision == "pass"
         assert any("Limits set after" in reason for reason in verdict.reasons) == is_said
