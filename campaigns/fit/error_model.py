@@ -26,8 +26,17 @@ import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.fit.effects import Effect, Moved, Step, Walk
-from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES, tolerance_of, tracker_columns
+from campaigns.fit.error_sources import (
+    SOURCES,
+    TRACKER_SOURCES,
+    middle_of,
+    tolerance_of,
+    tracker_columns,
+)
+from campaigns.fit.kinds import Block
+from campaigns.fit.predicted_rows import PredictedRows, predict_block
 from campaigns.fit.rigid_transforms import (
+    MRAD,
     Transform,
     fit_transform,
     frame_jacobian,
@@ -39,7 +48,6 @@ from campaigns.kinematics.mechanism import Assembly
 from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import INNER, Role, Unit
 
-MRAD = 1e-3
 BY_NAME = "tolerance of "
 """First words of the group of a parameter with a tolerance of its own."""
 GROSS_MEDIANS = 6.0
@@ -72,9 +80,16 @@ class Observations:
     """Time of each shot in its session, from 0 to 1, (N,)."""
     former: Array
     """Encoder readings at the shot before, (N, n); the same joints where there is none."""
+    blocks: tuple[Block, ...] = ()
+    """Observations of other kinds than points."""
 
     def __len__(self) -> int:
         return len(self.points)
+
+    @property
+    def middle(self) -> Array:
+        """Mean of the points, (3,), about which the tracker's error of scale is counted."""
+        return middle_of(self.points)
 
     @classmethod
     def unmeasured(cls, joints: Array, near: Array, approach: Array | None = None) -> Self:
@@ -93,11 +108,11 @@ class Observations:
         )
 
     def rows(self, rows: Index | Mask) -> Self:
-        """Return the observations of these rows."""
+        """Return the observations of these rows, with all those of other kinds."""
         columns = {
             name: getattr(self, name)[rows]
             for name in self.__slots__  # all columns but the noise, which is a mapping of columns
-            if name != "noise"
+            if name not in ("noise", "blocks")
         }
         noise = {part: covariance[rows] for part, covariance in self.noise.items()}
         return replace(self, noise=noise, **columns)
@@ -119,6 +134,8 @@ class Prediction:
     by_moves: Mapping[Moved, Array]
     """∂point by what effects move, (N, 3, m): joints in rad or mm, the model's own unknowns in
     tolerances, the point in the base frame, the shot's own frame in mrad and mm."""
+    others: tuple[PredictedRows, ...] = ()
+    """Rows of the other kinds of observation, block by block."""
 
     @property
     def by_joint(self) -> Array:
@@ -330,6 +347,17 @@ class ErrorModel:
         columns[..., :count] = by_p[..., self.places] * self.tolerance[:count]
         return columns, by_joint
 
+    def columns_of(self, by_p: Array) -> Array:
+        """Return derivatives (N, 3, P) by the unknowns, from those by the robot's parameters.
+
+        Columns of growth and of the tracker's sources are 0.
+        """
+        of_robot, count = self.places < by_p.shape[2], len(self.parameters)
+        columns = np.zeros((*by_p.shape[:2], len(self.names)))
+        tolerance = self.tolerance[:count][of_robot]
+        columns[..., np.flatnonzero(of_robot)] = by_p[..., self.places[of_robot]] * tolerance
+        return columns
+
     # Moved joints and parameters enter the kinematics, moved points are added. Growth is small: its
     # columns times its unknowns are added to the points as well.
     def robot_at(self, x: Array, observations: Observations, near: Array) -> "RobotPoints":
@@ -376,14 +404,11 @@ class ErrorModel:
         moved = replace(observations, joints=observations.joints + moves["joints"])
         today = x[: len(self.names)] + moves["unknowns"][0]
         robot, assembly = self.positions(today, moved, near)
-        mechanism, count = robot.mechanism, len(self.parameters)
+        mechanism = robot.mechanism
         by_p = mechanism.turn_jacobian(
             robot.p, moved.joints, assembly.unknowns, observations.approach
         )
-        of_robot = self.places < by_p.shape[2]
-        columns = np.zeros((len(observations), 3, len(self.names)))
-        places = np.flatnonzero(of_robot)
-        columns[..., places] = by_p[..., self.places[of_robot]] * self.tolerance[:count][of_robot]
+        columns = self.columns_of(by_p)
         by_moves = {
             "joints": by_p[..., mechanism.parameters.columns["joint_offset"]],
             "unknowns": columns,
@@ -431,6 +456,10 @@ class ErrorModel:
             residual=predicted - observations.points,
             jacobian=np.concatenate([by, by_frames], axis=2),
             by_moves=by_moves,
+            others=tuple(
+                predict_block(self, x, frames, block, observations.middle)
+                for block in observations.blocks
+            ),
         )
 
     def _moves(self, x: Array, bases: list[Array], observations: Observations) -> dict[str, Array]:
@@ -516,6 +545,8 @@ def frame_columns(turned: Array) -> Array:
 
 def frames_of_shots(frames: tuple[Transform, ...], frame: Index) -> tuple[Array, Array]:
     """Return the rotation (N, 3, 3) and shift (N, 3) of each shot's session, by its number."""
+    if not frames:  # without points there is none
+        return np.zeros((0, 3, 3)), np.zeros((0, 3))
     turns = np.stack([transform.rotation for transform in frames])
     shifts = np.stack([transform.translation_mm for transform in frames])
     return turns[frame], shifts[frame]
@@ -546,10 +577,12 @@ def first_frames(
 ) -> tuple[tuple[Transform, ...], Mask]:
     """Return the frames that fit the nominal robot best, and which shots are near its points.
 
-    `positions` (N, 3) are the nominal robot's where it `is_solved`. Raise `ValueError` for a
-    session of fewer than three shots, or of points on a line.
+    `positions` (N, 3) are the nominal robot's where it `is_solved`. Without points there are no
+    frames. Raise `ValueError` for a session of fewer than three shots, or of points on a line.
     """
     kept = is_solved
+    if not len(observations):
+        return (), kept
     for _ in range(3):
         frames = tuple(
             fit_transform(positions[rows], observations.points[rows])

@@ -132,11 +132,16 @@ def tolerance_of(parameter: Parameter) -> float:
     return source.of_lengths if parameter.unit == "mm" else source.of_angles
 
 
-def tracker_columns(points: Array) -> dict[str, Array]:
+def middle_of(points: Array) -> Array:
+    """Return the mean (3,) of points (N, 3), 0 of none."""
+    return np.asarray(points.sum(axis=0) / max(1, len(points)))
+
+
+def tracker_columns(points: Array, middle: Array | None = None) -> dict[str, Array]:
     """Return the motions of points (N, 3), seen from the tracker, by a unit of each error, (N, 3).
 
     Units are mm of the reflector's constant, rad of the transit axis out of square, and the ratio
-    of the error of scale.
+    of the error of scale about the `middle` (3,) of all points in one frame; None: of these.
     """
     # Constant: along the beam. Transit axis tilted by τ: the azimuth is off by τ tan(elevation),
     # which at the horizontal distance r cos(elevation) is τ z sideways. Scale: about the points'
@@ -148,5 +153,5 @@ def tracker_columns(points: Array) -> dict[str, Array]:
     return {
         "constant": points / distance,
         "transit": sideways * points[:, 2:],
-        "scale": points - points.sum(axis=0) / max(1, len(points)),
+        "scale": points - (middle_of(points) if middle is None else middle),
     }

@@ -50,6 +50,7 @@ from campaigns.fit.fit import (
     refit,
     settle,
 )
+from campaigns.fit.kinds import Slot
 from campaigns.fit.layers import LAYERS, likely_layers
 from campaigns.fit.periods import likely_ripples
 from campaigns.kinematics.axes import Axis
@@ -185,7 +186,8 @@ def _grown(
 ) -> Fit:
     """Add at most so many effects as long as the evidence rises."""
     evidence, count = log_evidence(fit), len(fit.model.effects)
-    while len(fit.model.effects) < min(MOST_EFFECTS, count + most):
+    surroundings = sum(isinstance(effect, Slot) for effect in fit.model.effects)
+    while len(fit.model.effects) < min(MOST_EFFECTS + surroundings, count + most):
         tell(f"looking for changes and periods: step {len(fit.model.effects) - count + 1}")
         best = _best_of(fit, hypotheses(fit), evidence)
         if best is None or best[1] <= evidence:
@@ -262,7 +264,7 @@ def _without_superfluous(fit: Fit, evidence: float) -> tuple[Fit, float] | None:
     simpler = (
         tuple(effect for effect in fit.model.effects if effect is not spare)
         for spare in fit.model.effects
-        if not isinstance(spare, (Walk, StandSince, Layer, RateError))
+        if not isinstance(spare, (Walk, StandSince, Layer, RateError, Slot))
     )
     return _best_of(fit, simpler, evidence)
 

@@ -4,10 +4,10 @@ Theory of operation. Minimised is
 
     χ² = Σ w_i r_i' W_i r_i + (x - μ)' D (x - μ)
 
-with residuals r = predicted - measured point (mm), weights W_i = V_i⁻¹ of each shot's noise, the
-probability w_i of the shot to be good, unknowns x in tolerances, and the priors' mean μ and
-precision D. Everything else is unknown as well, and estimated between the steps in the model as it
-is linearised there:
+with residuals r = predicted - measured (mm), of points and of all other kinds of observation,
+weights W_i = V_i⁻¹ of each one's noise, the probability w_i of it to be good, unknowns x in
+tolerances, and the priors' mean μ and precision D. Everything else is unknown as well, and
+estimated between the steps in the model as it is linearised there:
 
     noise      V = Σ φ_k V_k over its parts: what the tracker stated (φ = 1) or its data sheet along
                and across the beam, the scatter of the robot's point, and of its joints
@@ -27,7 +27,7 @@ has a prior, no parameter has to be held and no model to be chosen: what no shot
 nominal, with its tolerance as its σ.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -52,6 +52,7 @@ from campaigns.fit.error_sources import (
     scatter_tolerances,
 )
 from campaigns.fit.rigid_transforms import Transform
+from campaigns.fit.rows import Rows, blocks_of
 
 MOST_ROUNDS = 40
 FAR_ROUNDS = 6
@@ -148,6 +149,8 @@ class Fit:
     """Size ρ of each group of unknowns, in tolerances."""
     factors: dict[str, float]
     """Factor φ of each part of the noise."""
+    good_of_others: tuple[Array, ...] = ()
+    """Probability of each observation of another kind to be good, (M,) of each block."""
     spread: Array | None = None
     """Covariance (Q, Q) beyond that at these sizes: by what the sizes may be."""
     rounds: int = 0
@@ -173,32 +176,36 @@ class Fit:
         return tuple(self.prior.lengths)
 
     @cached_property
+    def rows(self) -> tuple[Rows, ...]:
+        """Points, then the other kinds of observation, block by block."""
+        at = self.at
+        points = Rows(at.residual, at.jacobian, self.noise, self.factors, self.usable, self.good)
+        others = (
+            Rows(r.residual, r.jacobian, r.noise, self.factors, np.ones(len(good), bool), good)
+            for r, good in zip(at.others, self.good_of_others, strict=True)
+        )
+        return (points, *others)
+
+    @property
     def total_noise(self) -> Array:
         """Covariance of each shot, (N, 3, 3)."""
-        return np.asarray(sum(self.factors[part] * v for part, v in self.noise.items()))
+        return self.rows[0].total_noise
 
-    @cached_property
+    @property
     def inverse_noise(self) -> Array:
         """Inverse W of the covariance of each shot, (N, 3, 3)."""
-        return np.asarray(np.linalg.inv(self.total_noise))
+        return self.rows[0].inverse_noise
 
-    @cached_property
+    @property
     def weights(self) -> Array:
         """Weights w W of the shots, (N, 3, 3)."""
-        return np.asarray(self.good[:, None, None] * self.inverse_noise)
-
-    @cached_property
-    def weighted_jacobian(self) -> Array:
-        """Derivatives times the weights, w W A, (N, 3, Q)."""
-        return np.asarray(self.weights @ self.at.jacobian)
+        return self.rows[0].weights
 
     @cached_property
     def normal(self) -> tuple[Array, Array]:
-        """Normal equations of all shots: A'WA (Q, Q) and A'Wr (Q,)."""
-        jacobian = self.at.jacobian
-        rows = jacobian.reshape(-1, jacobian.shape[2])
-        weighted = self.weighted_jacobian.reshape(rows.shape)
-        return weighted.T @ rows, weighted.T @ self.at.residual.ravel()
+        """Normal equations of all observations: A'WA (Q, Q) and A'Wr (Q,)."""
+        matrices, slopes = zip(*(rows.normal for rows in self.rows), strict=True)
+        return np.asarray(sum(matrices)), np.asarray(sum(slopes))
 
     @cached_property
     def prior_terms(self) -> tuple[Array, Array]:
@@ -299,35 +306,48 @@ class Fit:
 
     @cached_property
     def residual(self) -> Array:
-        """Residuals (N, 3) after the step, in the linearised model."""
-        return np.asarray(self.at.residual + self.at.jacobian @ self.step)
+        """Residuals (N, 3) of points after the step, in the linearised model."""
+        return self.rows[0].after(self.step)
 
-    @cached_property
+    @property
     def by_unknowns(self) -> Array:
         """Covariance A C A' of each predicted point, (N, 3, 3)."""
-        return blocks_of(self.at.jacobian, self.inverse)
+        return self.rows[0].by_unknowns(self.inverse)
 
     @cached_property
+    def cavities(self) -> tuple[tuple[Array, Array], ...]:
+        """Residuals (M, r) and covariances (M, r, r) by the fit without each, of all rows."""
+        return tuple(
+            wrong_shots.cavity(
+                rows.after(self.step), rows.by_unknowns(self.inverse), rows.total_noise, rows.good
+            )
+            for rows in self.rows
+        )
+
+    @property
     def cavity(self) -> tuple[Array, Array]:
-        """Residuals (N, 3) and covariances (N, 3, 3) by the fit without each shot."""
-        return wrong_shots.cavity(self.residual, self.by_unknowns, self.total_noise, self.good)
+        """Residuals (N, 3) of points and their covariances by the fit without each shot."""
+        return self.cavities[0]
+
+    def with_weights(self, weights: Sequence[Array]) -> "Fit":
+        """Return the fit with these weights of the rows of each kind, (M,) each."""
+        return replace(self, good=weights[0], good_of_others=tuple(weights[1:]))
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom of the noise: three coordinates a shot less the unknowns' share."""
+        """Degrees of freedom of the noise: all rows less the unknowns' share."""
         # Unknowns that the prior determines rather than the data use up less than one each:
         # tr(C D), the elementwise sum of two symmetric matrices, counts what is given back.
         used = len(self.inverse) - float((self.inverse * self.precision).sum())
-        return 3.0 * float(self.good.sum()) - used
+        return sum(rows.count for rows in self.rows) - used
 
     @property
     def objective(self) -> float:
-        """χ² of residuals and priors; infinite where a shot that counts has no assembly."""
-        counted = self.good > 0.0
-        residual, deviation = self.at.residual[counted], self.prior_terms[1]
-        value = np.einsum("ni,nij,nj->", residual, self.weights[counted], residual)
-        value += deviation @ self.precision @ deviation
-        return float(value) if np.isfinite(value) else np.inf
+        """χ² of residuals and priors; infinite where a row that counts has no assembly."""
+        deviation = self.prior_terms[1]
+        value = sum(rows.chi2 for rows in self.rows)
+        value += float(deviation @ self.precision @ deviation)
+        return value if np.isfinite(value) else np.inf
 
     @property
     def scatter(self) -> tuple[float, float]:
@@ -422,11 +442,10 @@ def _from_nominal(model: ErrorModel, observations: Observations, prior: Prior) -
     observations = _with_substitutes(observations, usable)
     at = model.predict(np.zeros(model.size), frames, observations, observations.near)
     noise = noise_parts(model, observations, at.by_joint)
-    factors = dict.fromkeys(noise, 1.0) | dict(prior.factors)
-    sizes = dict.fromkeys(model.sized_groups, 1.0)
-    return Fit(
-        model, observations, prior, at, noise, usable, is_near.astype(np.float64), sizes, factors
-    )
+    factors = dict.fromkeys(_parts_of(noise, at), 1.0) | dict(prior.factors)
+    sizes, good = dict.fromkeys(model.sized_groups, 1.0), is_near.astype(np.float64)
+    others = tuple(np.ones(len(block)) for block in observations.blocks)
+    return Fit(model, observations, prior, at, noise, usable, good, sizes, factors, others)
 
 
 def _from(start: Fit, model: ErrorModel, observations: Observations | None) -> Fit:
@@ -447,7 +466,7 @@ def _from(start: Fit, model: ErrorModel, observations: Observations | None) -> F
     observations = _with_substitutes(observations, usable)
     at = model.predict(x, start.at.frames, observations, observations.near)
     noise = noise_parts(model, observations, at.by_joint)
-    factors = {part: start.factors.get(part, 1.0) for part in noise}
+    factors = {part: start.factors.get(part, 1.0) for part in _parts_of(noise, at)}
     return replace(
         fit,
         observations=observations,
@@ -457,6 +476,11 @@ def _from(start: Fit, model: ErrorModel, observations: Observations | None) -> F
         good=usable.astype(np.float64),
         factors=factors,
     )
+
+
+def _parts_of(noise: Mapping[str, Array], at: Prediction) -> tuple[str, ...]:
+    """Return the names of the parts of the noise of points and of all other rows."""
+    return tuple(dict.fromkeys([*noise, *(part for rows in at.others for part in rows.noise)]))
 
 
 def _names_of(model: ErrorModel) -> list[tuple[str, int]]:
@@ -494,29 +518,45 @@ def _step(fit: Fit, most: int, share: float) -> tuple[Fit | None, int]:
 def _robust_start(fit: Fit) -> Fit:
     """Return the fit with weights that do not rest on the scatter that all shots show together."""
     for _ in range(6):
-        expected = (fit.inverse_noise * fit.by_unknowns).sum(axis=(1, 2))
-        chi2 = np.einsum("ni,nij,nj->n", fit.residual, fit.inverse_noise, fit.residual) + expected
-        before, weights = fit.good, wrong_shots.cauchy_weights(chi2) * fit.usable
-        fit = estimate_sizes_and_noise(replace(fit, good=weights), 3, is_cauchy=True)
-        if np.abs(weights - before).max() < 0.05:
+        weights = [_cauchy_weights(fit, rows) for rows in fit.rows]
+        change = _largest_change(fit, weights)
+        fit = estimate_sizes_and_noise(fit.with_weights(weights), 3, is_cauchy=True)
+        if change < 0.05:
             break
     for _ in range(3):
-        residual, covariance = fit.cavity
-        scaled = np.linalg.solve(covariance, residual[..., None])[..., 0]
-        core = wrong_shots.core_of((residual * scaled).sum(axis=1), fit.usable)
-        fit = estimate_sizes_and_noise(replace(fit, good=core), 3)
+        cores = []
+        for rows, (residual, covariance) in zip(fit.rows, fit.cavities, strict=True):
+            scaled = np.linalg.solve(covariance, residual[..., None])[..., 0]
+            cores.append(wrong_shots.core_of((residual * scaled).sum(axis=1), rows.usable))
+        fit = estimate_sizes_and_noise(fit.with_weights(cores), 3)
     return fit
+
+
+def _cauchy_weights(fit: Fit, rows: Rows) -> Array:
+    """Return the weights (M,) of Cauchy-distributed errors after the step."""
+    residual = rows.after(fit.step)
+    expected = (rows.inverse_noise * rows.by_unknowns(fit.inverse)).sum(axis=(1, 2))
+    chi2 = np.einsum("ni,nij,nj->n", residual, rows.inverse_noise, residual) + expected
+    return np.asarray(wrong_shots.cauchy_weights(chi2, residual.shape[1]) * rows.usable)
+
+
+def _largest_change(fit: Fit, weights: Sequence[Array]) -> float:
+    """Return the largest change of a weight from a fit to these."""
+    pairs = zip(fit.rows, weights, strict=True)
+    return max(float(np.abs(now - rows.good).max(initial=0.0)) for rows, now in pairs)
 
 
 def update_weights(fit: Fit) -> tuple[Fit, float]:
     """Estimate weights, sizes and noise three times; return the last change of a weight, too."""
     change = 1.0
     for _ in range(3):
-        share = wrong_shots.share_of_wrong(fit.good, fit.usable)
-        good, wrong = wrong_shots.log_densities(*fit.cavity)
-        weights = wrong_shots.probabilities_of_good(good, wrong, share, fit.usable)
-        change = float(np.abs(weights - fit.good).max())
-        fit = estimate_sizes_and_noise(replace(fit, good=weights), 3)
+        weights = []
+        for rows, cavity in zip(fit.rows, fit.cavities, strict=True):
+            share = wrong_shots.share_of_wrong(rows.good, rows.usable)
+            good, wrong = wrong_shots.log_densities(*cavity)
+            weights.append(wrong_shots.probabilities_of_good(good, wrong, share, rows.usable))
+        change = _largest_change(fit, weights)
+        fit = estimate_sizes_and_noise(fit.with_weights(weights), 3)
         if change < SETTLED_WEIGHT:
             break
     return fit, change
@@ -563,7 +603,7 @@ def _with_sizes(fit: Fit) -> Fit:
         size2 = np.maximum(size2 * ratio, least**2)
     sizes = dict(zip(fit.groups, np.sqrt(size2).tolist(), strict=True))
     solved = replace(fit, sizes={**fit.sizes, **sizes})
-    for kept in ("normal", "weighted_jacobian", "prior_terms"):  # of the same weights
+    for kept in ("rows", "normal", "prior_terms"):  # of the same weights
         solved.__dict__[kept] = getattr(fit, kept)
     return solved
 
@@ -628,12 +668,6 @@ def _reduced(fit: Fit, groups: Mapping[str, Index]) -> Reduced:
     )
 
 
-def blocks_of(columns: Array, covariance: Array) -> Array:
-    """Return c C c' (N, 3, 3) of each shot's columns (N, 3, Q) and a covariance (Q, Q)."""
-    rows = columns.reshape(-1, columns.shape[2]) @ covariance
-    return np.asarray(rows.reshape(columns.shape) @ columns.swapaxes(1, 2))
-
-
 def smallest_sizes(model: ErrorModel) -> dict[str, float]:
     """Return the floors of the sizes of effects that have one."""
     return {group: effect.smallest_size for effect in model.effects for group, _ in effect.sizes_of}
@@ -656,18 +690,25 @@ def _ratio_with_prior(
 # are those of weight 1.
 def _noise_ratios(fit: Fit, *, is_cauchy: bool) -> dict[str, float]:
     """Return by how much the variance of each estimated part of the noise must be multiplied."""
-    u = (fit.inverse_noise @ fit.residual[..., None])[..., 0]
-    expected = fit.weights - blocks_of(fit.weighted_jacobian, fit.inverse)
-    if is_cauchy:
-        expected = expected / np.maximum(fit.good, 1e-9)[:, None, None]
+    explained = []
+    for rows in fit.rows:
+        u = (rows.inverse_noise @ rows.after(fit.step)[..., None])[..., 0]
+        expected = rows.weights - blocks_of(rows.weighted_jacobian, fit.inverse)
+        if is_cauchy:
+            expected = expected / np.maximum(rows.good, 1e-9)[:, None, None]
+        explained.append((rows, u, expected))
     ratios = {}
-    for part, covariance in fit.noise.items():
+    for part, factor in fit.factors.items():
         if part == "stated" or part in fit.prior.factors:
             continue
-        factor = fit.factors[part]
-        squares = factor * np.einsum("n,ni,nij,nj->", fit.good, u, covariance, u)
-        redundancy = max(factor * float((covariance * expected).sum()), 0.0)
-        ratios[part] = float(_ratio_with_prior(squares, redundancy, factor))
+        squares = redundancy = 0.0
+        for rows, u, expected in explained:
+            if part not in rows.noise:
+                continue
+            covariance = rows.noise[part]
+            squares += factor * np.einsum("n,ni,nij,nj->", rows.good, u, covariance, u)
+            redundancy += factor * float((covariance * expected).sum())
+        ratios[part] = float(_ratio_with_prior(squares, max(redundancy, 0.0), factor))
     return ratios
 
 
@@ -697,13 +738,15 @@ def _with_substitutes(observations: Observations, usable: Mask) -> Observations:
 # cavity residuals, their number by the Beta-binomial, effects by their odds.
 def log_evidence(fit: Fit) -> float:
     """Return the log evidence of the model, up to a constant of the shots."""
-    used = fit.kept & fit.usable
-    counted = replace(fit, good=used.astype(np.float64))
+    used = [(rows.good >= 0.5) & rows.usable for rows in fit.rows]
+    counted = fit.with_weights([mask.astype(np.float64) for mask in used])
     # a flat frame has no prior density, and its volume is the same for all hypotheses
     size = fit.model.size if fit.prior.frame is None else len(fit.precision)
-    residual = counted.at.residual[used]
-    chi2 = np.einsum("ni,nij,nj->", residual, fit.inverse_noise[used], residual)
-    value = -0.5 * (chi2 + np.linalg.slogdet(fit.total_noise[used])[1].sum())
+    value = 0.0
+    for rows, mask in zip(fit.rows, used, strict=True):
+        residual = rows.residual[mask]
+        chi2 = np.einsum("ni,nij,nj->", residual, rows.inverse_noise[mask], residual)
+        value += -0.5 * (chi2 + np.linalg.slogdet(rows.total_noise[mask])[1].sum())
     deviation, precision = fit.prior_terms[1][:size], fit.precision[:size, :size]
     value += 0.5 * (np.linalg.slogdet(precision)[1] - deviation @ precision @ deviation)
     value -= 0.5 * np.linalg.slogdet(counted.normal[0] + fit.precision)[1]
@@ -712,10 +755,10 @@ def log_evidence(fit: Fit) -> float:
     for part, factor in fit.factors.items():
         if part != "stated":
             value += 0.5 * np.log(factor) - np.log1p(factor)
-    _, wrong = wrong_shots.log_densities(*counted.cavity)
-    value += wrong[fit.usable & ~used].sum()
-    missing = int(len(used) - used.sum())
-    value += wrong_shots.log_prior_of_count(missing, len(used))
+    for rows, cavity, mask in zip(fit.rows, counted.cavities, used, strict=True):
+        _, wrong = wrong_shots.log_densities(*cavity)
+        value += wrong[rows.usable & ~mask].sum()
+        value += wrong_shots.log_prior_of_count(int((~mask).sum()), len(mask))
     return float(value + sum(effect.log_odds for effect in fit.model.effects))
 
 

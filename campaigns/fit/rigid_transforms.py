@@ -13,6 +13,7 @@ import scipy
 
 from campaigns.arrays import Array, Index
 
+MRAD = 1e-3
 LINE_TOLERANCE = 1e-9
 """Points whose second spread is below this part of the first lie on a line."""
 SHOTS_FOR_A_FRAME = 4

@@ -23,9 +23,10 @@ import scipy
 
 from campaigns.arrays import Array
 from campaigns.fit.effects import Layer, Moved
-from campaigns.fit.error_model import Observations, frame_columns, moved_frames
+from campaigns.fit.error_model import ErrorModel, Observations, frame_columns, moved_frames
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.fit.fit import Fit
+from campaigns.fit.kinds import Slot
 from campaigns.fit.rigid_transforms import Transform
 
 FORMER, SIZES = "former", "sizes"
@@ -81,15 +82,24 @@ class NullDirections:
 
 
 # Changes in time are left out: they are events, and no part of the robot's datum. So are all other
-# effects. Priors are left out as well, but for known lengths: a direction that a prior alone
-# determines is undetermined.
+# effects, but for the surroundings of other kinds of observation, which are unknown as frames are.
+# Priors are left out as well, but for known lengths and surroundings: a direction that a prior
+# alone determines is undetermined.
 def null_directions(fit: Fit) -> NullDirections:
     """Return the directions that neither a shot nor a known length determines."""
     size = len(fit.model.names)
-    frames = slice(len(fit.at.x), None)
-    jacobian = fit.at.jacobian
-    rows = np.concatenate([jacobian[..., :size], jacobian[..., frames]], axis=2)
-    information = marginal_information(shot_information(rows, fit.weights), size)
+    spans = [slice(size), *_places_of_slots(fit.model), slice(len(fit.at.x), None)]
+    columns = [[rows.jacobian[..., span] for span in spans] for rows in fit.rows]
+    parts = [
+        shot_information(np.concatenate(parts, axis=2), rows.weights)
+        for parts, rows in zip(columns, fit.rows, strict=True)
+    ]
+    whole, begin = np.asarray(sum(parts)), size
+    for span in spans[1:-1]:
+        end = begin + span.stop - span.start
+        whole[begin:end, begin:end] += fit.precision[span, span]
+        begin = end
+    information = marginal_information(whole, size)
     for source in fit.measured:
         place = fit.model.names.index(source)
         information[place, place] += fit.precision[place, place]
@@ -97,8 +107,14 @@ def null_directions(fit: Fit) -> NullDirections:
     return null_directions_of(information, fit.model.names, prior)
 
 
+def _places_of_slots(model: ErrorModel) -> list[slice]:
+    """Return the places of the unknowns of the surroundings."""
+    pairs = zip(model.effects, model.effect_places, strict=True)
+    return [where for effect, where in pairs if isinstance(effect, Slot)]
+
+
 def shot_information(jacobian: Array, weights: Array) -> Array:
-    """Return the information Σ A'WA (Q, Q) of derivatives (N, 3, Q) and weights (N, 3, 3)."""
+    """Return the information Σ A'WA (Q, Q) of derivatives (N, r, Q) and weights (N, r, r)."""
     rows = jacobian.reshape(-1, jacobian.shape[2])
     return np.asarray((weights @ jacobian).reshape(rows.shape).T @ rows)
 
@@ -195,19 +211,23 @@ def budget(fit: Fit, by: Array) -> Mapping[str, float]:
     model, size, points = fit.model, fit.model.size, len(by)
     rows = by.reshape(-1, size)
     influence = rows @ fit.inverse[:size]  # B C
-    weighted = (fit.good**0.5)[:, None, None] * (fit.inverse_noise @ fit.at.jacobian)
-    shares = {}
-    for part in fit.noise:
-        noise = np.linalg.cholesky(fit.factors[part] * fit.noise[part] + 1e-18 * np.eye(3))
-        of_part = (noise.swapaxes(1, 2) @ weighted).reshape(-1, len(fit.inverse))
-        shares[part] = float(((of_part @ influence.T) ** 2).sum()) / points
+    shares: dict[str, float] = {}
+    for observed in fit.rows:
+        root = (observed.good**0.5)[:, None, None]
+        weighted = root * (observed.inverse_noise @ observed.jacobian)
+        singular = 1e-18 * np.eye(weighted.shape[1])
+        for part, covariance in observed.noise.items():
+            noise = np.linalg.cholesky(fit.factors[part] * covariance + singular)
+            of_part = (noise.swapaxes(1, 2) @ weighted).reshape(-1, len(fit.inverse))
+            share = float(((of_part @ influence.T) ** 2).sum()) / points
+            shares[part] = shares.get(part, 0.0) + share
     is_former = fit.prior.precision is not None
     groups = [FORMER] * len(model.names) if is_former else [*model.groups]
     groups += [effect.source for effect in model.effects for _ in range(effect.count)]
     for group in dict.fromkeys(groups):
         places = [place for place, member in enumerate(groups) if member == group]
-        share = influence[:, places] @ fit.precision[np.ix_(places, range(len(fit.inverse)))]
-        shares[group] = shares.get(group, 0.0) + float((share * influence).sum()) / points
+        of_group = influence[:, places] @ fit.precision[np.ix_(places, range(len(fit.inverse)))]
+        shares[group] = shares.get(group, 0.0) + float((of_group * influence).sum()) / points
     if fit.spread is not None:
         spread = (rows @ fit.spread[:size, :size]) * rows
         shares[SIZES] = float(spread.sum()) / points

@@ -29,12 +29,12 @@ CORE_SHARE = 0.6
 
 
 def cavity(residual: Array, by_unknowns: Array, noise: Array, weight: Array) -> tuple[Array, Array]:
-    """Return residuals (N, 3) and their covariances (N, 3, 3) by the fit without each shot.
+    """Return residuals (N, r) and their covariances (N, r, r) by the fit without each shot.
 
-    `by_unknowns` (N, 3, 3) are the covariances A C A' of the predicted points, `noise` those of the
-    measured ones, `weight` (N,) what each shot counted in the fit.
+    `by_unknowns` (N, r, r) are the covariances A C A' of the predicted points or other rows,
+    `noise` those of the measured ones, `weight` (N,) what each shot counted in the fit.
     """
-    kept = np.eye(3) - weight[:, None, None] * (by_unknowns @ np.linalg.inv(noise))
+    kept = np.eye(residual.shape[1]) - weight[:, None, None] * (by_unknowns @ np.linalg.inv(noise))
     without = np.linalg.solve(kept, residual[..., None])[..., 0]
     covariance = noise + np.linalg.solve(kept, by_unknowns)
     return np.asarray(without), np.asarray(covariance)
@@ -43,7 +43,9 @@ def cavity(residual: Array, by_unknowns: Array, noise: Array, weight: Array) -> 
 def log_densities(residual: Array, covariance: Array) -> tuple[Array, Array]:
     """Return the log densities (N,) of cavity residuals of good and of wrong shots."""
     good = _log_normal(residual, covariance)
-    wrong = [_log_normal(residual, covariance + size**2 * np.eye(3)) for size in SIZES_MM]
+    wrong = [
+        _log_normal(residual, covariance + size**2 * np.eye(residual.shape[1])) for size in SIZES_MM
+    ]
     return good, np.logaddexp.reduce(wrong, axis=0) - np.log(len(SIZES_MM))
 
 
@@ -66,13 +68,18 @@ def share_of_wrong(probability: Array, usable: Mask) -> float:
     return min(share, 0.5)
 
 
-def cauchy_weights(chi2: Array) -> Array:
-    """Return the weights (N,) of Cauchy-distributed errors in space by expected χ² of residuals."""
-    return np.asarray(4.0 / (1.0 + chi2))
+def cauchy_weights(chi2: Array, rows: int = 3) -> Array:
+    """Return the weights (N,) of Cauchy-distributed errors by expected χ² of residuals.
+
+    `rows` is the number of coordinates of an error.
+    """
+    return np.asarray((rows + 1.0) / (1.0 + chi2))
 
 
 def core_of(chi2: Array, usable: Mask) -> Array:
     """Return the weights (N,), 1 or 0, of a concentration step by χ² of cavity residuals."""
+    if not usable.any():
+        return np.zeros(len(usable))
     return np.asarray((chi2 <= np.quantile(chi2[usable], CORE_SHARE)) * usable * 1.0)
 
 
@@ -82,6 +89,6 @@ def log_prior_of_count(wrong: int, count: int) -> float:
 
 
 def _log_normal(residual: Array, covariance: Array) -> Array:
-    """Return the log density of residuals (N, 3) up to a constant."""
+    """Return the log density of residuals (N, r) up to a constant."""
     misfit = (residual * np.linalg.solve(covariance, residual[..., None])[..., 0]).sum(axis=1)
     return np.asarray(-0.5 * (misfit + np.linalg.slogdet(covariance)[1]))

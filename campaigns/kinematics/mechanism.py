@@ -224,10 +224,15 @@ class Mechanism(ABC):
         return self.turn_rows(unknowns, self.jacobian(p, joints, unknowns, approach))
 
     def tool_axes(self, poses: Array) -> Array:
-        """Return the axes of the tool at poses (N, t) as the columns of matrices (N, 3, 3)."""
+        """Return the axes of the tool as the columns of matrices (N, 3, 3).
+
+        `poses` are (N, t), or the unknowns of an assembly with the tilt of its plate, (N, t + 3).
+        """
         turns, size = np.zeros((len(poses), 3)), len(self.task)
         turns[:, 6 - size :] = poses[:, 3:size]
-        return matrices_of(turns)
+        axes = matrices_of(turns)
+        has_tilt = poses.shape[1] > size
+        return matrices_of(poses[:, size:]) @ axes if has_tilt else axes
 
     # The turn about z of a platform with one turn, and of one with three the turn that a change of
     # its rotation vector makes.
