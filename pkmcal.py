@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from campaigns.campaign import open_campaign
     from campaigns.evidence import evaluate
     from campaigns.fit.tracker_noise import TrackerUncertainty
+    from campaigns.identification.other_kinds import Measured
     from campaigns.kinematics.axes import PLANE, POSITION, TURN, TURNS, Axis
     from campaigns.kinematics.closed_chain import ClosedChain
     from campaigns.kinematics.feasibility import Limits
@@ -60,6 +61,7 @@ MECHANISMS = {
 """What an author of a mechanism needs, by module of `KINEMATICS`."""
 HOMES = {name: f"{KINEMATICS}.{home}" for home, names in MECHANISMS.items() for name in names} | {
     "Kinematics": "campaigns.kinematics.model",
+    "Measured": "campaigns.identification.other_kinds",
     "NewOptions": "app.new_campaign",
     "RobotFile": "campaigns.robots.robot",
     "Shots": "campaigns.shots.shots",
@@ -86,6 +88,7 @@ __all__ = [
     "ImplicitMechanism",
     "Kinematics",
     "Limits",
+    "Measured",
     "NewOptions",
     "ParameterField",
     "Platform",

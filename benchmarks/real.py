@@ -176,7 +176,7 @@ def calibrate(measured: Measured, shots: int, unseen: int, seed: int) -> Figures
     workspace = at_nominal.values_or_raise()[~is_fitted]
     began_s = time.process_time()
     options = IdentificationOptions(tolerances=robot.tolerances, workspace=workspace)
-    campaign = fit_campaign(robot.kinematics, given, at_nominal, options)
+    campaign = fit_campaign(robot.kinematics, given, options)
     result = campaign.make_result()
     seconds = time.process_time() - began_s
     judgement, errors = result.judgement, result.residuals.unseen_mm

@@ -24,7 +24,9 @@ from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.identification.identify import identify as identify_shots
 from campaigns.identification.observations import asked_shots, error_model
 from campaigns.identification.options import IdentificationOptions, ModelWord
+from campaigns.identification.other_kinds import Measured
 from campaigns.identification.result import IdentificationResult, StoredLayer
+from campaigns.identification.without_points import identify_without_points
 from campaigns.planning.forecast import Forecast, forecast, judged_both
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
 from campaigns.planning.paths import RobotModel
@@ -105,9 +107,10 @@ def sample_workspace(robot: RobotFile, poses: int = 100, *, seed: int = 1) -> Ar
 
 
 def identify(
-    shots: Shots,
+    shots: Shots | None,
     robot: RobotFile,
     *,
+    observations: Sequence[Measured] = (),
     model: ModelWord | None = None,
     free: Sequence[str] | str = (),
     fix: Sequence[str] | str = (),
@@ -117,8 +120,11 @@ def identify(
     """Identify a nominal robot's parameters from shots, as `pkmcal identify` does.
 
     Args:
-        shots: Joints and measured points, from `read_shots` or `Shots.of`.
+        shots: Joints and measured points, from `read_shots` or `Shots.of`; None: no tracker
+            measured this robot.
         robot: The nominal robot.
+        observations: Heights, distances, reflectors elsewhere on the platform and poses of a
+            probe (`Measured`), beside shots or without any.
         model: `"paper"` for the paper's method; by default the model of all sources of error.
         free, fix: Names, patterns (`"arm*.x_mm"`) or groups of parameters that are identified
             beyond the usual ones, or held at their nominal values.
@@ -157,8 +163,10 @@ def identify(
     arguments = {"free": free, "fix": fix, "prior": priors, "model": model}
     words |= {name: value for name, value in arguments.items() if value}
     wanted = options_of(IdentificationOptions, words)
+    if shots is None:
+        return identify_without_points(robot.kinematics, observations, wanted)
     asked = asked_shots(shots, robot.mechanism.joints, wanted)
-    return identify_shots(robot.kinematics, asked, wanted)
+    return identify_shots(robot.kinematics, asked, wanted, measured=observations)
 
 
 def correct_targets(

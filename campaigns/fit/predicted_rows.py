@@ -19,7 +19,7 @@ from campaigns.fit.error_sources import (
 )
 from campaigns.fit.kinds import Block, Bodies, Differentiated, Slot, differentiate
 from campaigns.fit.rigid_transforms import MRAD, Transform
-from campaigns.kinematics.mechanism import Kinematics
+from campaigns.kinematics.model import Kinematics
 
 if TYPE_CHECKING:
     from campaigns.fit.error_model import ErrorModel

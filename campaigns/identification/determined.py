@@ -1,4 +1,4 @@
-"""What shots determine of a robot: position and rotation, each with its σ and what it rests on.
+"""What observations determine of a robot, each quantity with its σ and what that rests on.
 
 A σ that comes from tolerances is no measurement: a tracker's points of one reflector say little of
 a platform's rotation, however small its σ by tolerances is. Each quantity is therefore stated with
@@ -6,25 +6,39 @@ two facts. It is *determined* if at most half of its variance comes from toleran
 shots do not estimate, and it is *tested* if shots that were never fitted check it. A pass needs
 both.
 
-Rotations are stated up to what their users define: a turn of the base's axes, and one of the tool's
-own axes.
+All are stated up to motions that their users define. Positions and rotations are up to a motion of
+the base's frame, rotations up to a turn of the tool's own axes too. Where heights were touched the
+robot is *flat* up to a plane, and in the plane (*xy*) up to two shifts and a turn: heights alone
+say much of the first and nothing of a robot's scale.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.evaluation.decision import COVERAGE, decide
-from campaigns.fit.error_model import Observations
+from campaigns.fit.error_model import Observations, frame_columns
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.fit import Fit
-from campaigns.fit.uncertainty import budget, length_std, without_axes
+from campaigns.fit.uncertainty import budget, length_std, without_axes, without_motions
 from campaigns.identification.findings import NOT_DETERMINED, NOT_TESTED, TOO_UNCERTAIN, Finding
 from campaigns.identification.options import QuantityWord
 from campaigns.kinematics.model import Kinematics
 
+UNITS: Mapping[QuantityWord, str] = {"flat": "mm", "xy": "mm", "position": "mm", "rotation": "deg"}
+ON_PLANE: Mapping[QuantityWord, tuple[Sequence[int], Sequence[int]]] = {
+    "flat": ([2], [0, 1, 5]),
+    "xy": ([0, 1], [2, 3, 4]),
+}
+"""Coordinates of quantities on a touched plane, and motions of the frame that are its users' own,
+of three turns and three shifts."""
+UNTESTED: Mapping[QuantityWord, str] = {
+    "flat": "no height was held out to check it",
+    "xy": "no distance was held out to check it",
+    "rotation": "no shot checks it: points of one reflector show no rotation",
+}
 MOST_ASSUMED = 0.5
 """Share of a quantity's variance that may come from tolerances if shots determine it."""
 FEWEST_DETERMINED = 1.0
@@ -74,8 +88,52 @@ def assumed_share(fit: Fit, squares: Mapping[str, float]) -> float:
     return float(assumed / max(sum(squares.values()), 1e-300))
 
 
+def determined_by(
+    name: QuantityWord, fit: Fit, by: Array, ratio: float = 1.0, *, is_tested: bool
+) -> Determined:
+    """Return how well a quantity is known, by its derivatives (M, r, P) without free motions.
+
+    `ratio` multiplies σ where hold-out shots showed larger errors.
+    """
+    std = ratio * length_std(by, fit.covariance[: fit.model.size, : fit.model.size])
+    return Determined(
+        name,
+        float(std.mean()),
+        float(std.max()),
+        float(np.sqrt((std**2).mean())),
+        assumed_share(fit, budget(fit, by)),
+        is_tested=is_tested,
+    )
+
+
+def determined_on_planes(fit: Fit, tested: Collection[str]) -> Iterator[Determined]:
+    """Yield how well the robot is known where heights were touched, in height and in the plane.
+
+    `tested` are the quantities that held-out observations check.
+    """
+    touched = [
+        (block.joints[good >= 0.5, 0], block.near[good >= 0.5, 0])
+        for block, good in zip(fit.observations.blocks, fit.good_of_others, strict=True)
+        if "flat" in block.kind.checks
+    ]
+    if not touched:
+        return
+    joints, near = (np.concatenate(rows) for rows in zip(*touched, strict=True))
+    robot = fit.model.robot_at(fit.at.x, Observations.unmeasured(joints, near), near)
+    motions = frame_columns(robot.assembly.points)
+    for name, (rows, free) in ON_PLANE.items():
+        by = without_motions(robot.by[:, rows], motions[:, rows][..., free])
+        yield determined_by(name, fit, by, is_tested=name in tested)
+
+
 def rotation_determined(
-    fit: Fit, identified: Kinematics, joints: Array, poses: Array, ratio: float
+    fit: Fit,
+    identified: Kinematics,
+    joints: Array,
+    poses: Array,
+    ratio: float,
+    *,
+    is_tested: bool = False,
 ) -> Iterator[Determined]:
     """Yield how well the tool's rotation is known at joints (N, n) and poses (N, t), if it turns.
 
@@ -86,15 +144,7 @@ def rotation_determined(
     observations = Observations.unmeasured(joints, poses)
     by = np.degrees(fit.model.turns_by_unknowns(fit.at.x, observations, poses))
     by = without_axes(by, identified.mechanism.tool_axes(poses))
-    std = ratio * length_std(by, fit.covariance[: fit.model.size, : fit.model.size])
-    yield Determined(
-        "rotation",
-        float(std.mean()),
-        float(std.max()),
-        float(np.sqrt((std**2).mean())),
-        assumed_share(fit, budget(fit, by)),
-        is_tested=False,
-    )
+    yield determined_by("rotation", fit, by, ratio, is_tested=is_tested)
 
 
 def quantity_findings(
@@ -104,6 +154,9 @@ def quantity_findings(
 
     `rotation_deg` is the acceptance limit of the tool's rotation; None if there is none.
     """
+    for name in {*ON_PLANE} & {*wanted} - {quantity.name for quantity in determined}:
+        says = f"{name}: no heights of a plane were measured, at which it could be stated"
+        yield Finding(NOT_DETERMINED, says, "not decided")
     for quantity in determined:
         if quantity.name not in wanted:
             continue
@@ -115,9 +168,9 @@ def quantity_findings(
                 "it; measure more shots at more turns, or lengths and places better"
             )
             yield Finding(NOT_DETERMINED, says, "not decided", {"assumed": quantity.assumed})
-        # position has a finding of its own where nothing was held out
-        elif quantity.name == "rotation" and not quantity.is_tested:
-            says = f"{what}, and no shot checks it: points of one reflector show no rotation"
+        # position has a finding of its own where no pairs were held out
+        elif quantity.name != "position" and not quantity.is_tested:
+            says = f"{what}, and {UNTESTED[quantity.name]}"
             yield Finding(NOT_TESTED, says, "not decided")
         is_limited = quantity.name == "rotation" and rotation_deg is not None
         if is_limited and decide(0.0, quantity.max, rotation_deg or 0.0) != "pass":

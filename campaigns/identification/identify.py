@@ -27,7 +27,6 @@ from campaigns.evaluation.plausibility import check_shots
 from campaigns.evaluation.region import Region
 from campaigns.fit.effects import Layer, RateError, Ripple, Walk
 from campaigns.fit.error_model import Observations
-from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.fit.events import (
     Event,
     Tell,
@@ -51,6 +50,15 @@ from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.known_lengths import KnownLengths, known_lengths
 from campaigns.identification.observations import error_model, fitted_sessions, observations_of
 from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.other_kinds import (
+    NO_KINDS,
+    Measured,
+    OtherKinds,
+    kind_findings,
+    other_kinds,
+    tested_by,
+    tests_of,
+)
 from campaigns.identification.paper import identify_as_paper
 from campaigns.identification.positions import uncertainty_of_positions
 from campaigns.identification.repeats import repeating_share
@@ -59,21 +67,18 @@ from campaigns.identification.result import (
     Excluded,
     Frame,
     IdentificationResult,
-    IdentifiedParameter,
     Judgement,
     ModelledTable,
-    ParameterCovariance,
     Provenance,
     Residuals,
     ResidualTable,
-    Scatter,
     SessionFrame,
     StoredLayer,
     StoredPosterior,
     Uncertainty,
     Value,
-    identified_parameters,
 )
+from campaigns.identification.stated_values import StatedValues
 from campaigns.kinematics.model import Kinematics, KinematicSolution
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
@@ -91,10 +96,11 @@ def identify(
     shots: Shots,
     options: IdentificationOptions | None = None,
     tell: Tell = lambda _: None,
+    measured: Sequence[Measured] = (),
 ) -> IdentificationResult:
     """Identify a robot from its identification shots, and judge it by the validation pairs.
 
-    `tell` receives words on the progress.
+    `tell` receives words on the progress. `measured` are observations of other kinds beside shots.
 
     Raise `ShotsMissing` for too few shots, `ShotsInvalid` for shots that cannot be this robot's.
     """
@@ -108,12 +114,11 @@ def identify(
     # fitted, so they are evaluated first and then taken out.
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
     shots = shots.on_robot()
-    at_nominal = nominal.forward(shots.joints, approach=shots.approach)
     _check(nominal, shots, sessions=options.sessions)
     if options.model == "paper":
+        at_nominal = nominal.forward(shots.joints, approach=shots.approach)
         return identify_as_paper(nominal, shots, at_nominal, options)
-    measured = {} if lengths is None else {"scale": lengths.scale}
-    campaign = fit_campaign(nominal, shots, at_nominal, options, measured, tell)
+    campaign = fit_campaign(nominal, shots, options, lengths, measured, tell)
     tell("stating the uncertainty")
     return campaign.make_result(lengths)
 
@@ -121,29 +126,32 @@ def identify(
 def fit_campaign(
     nominal: Kinematics,
     shots: Shots,
-    at_nominal: KinematicSolution,
     options: IdentificationOptions,
-    lengths: Mapping[str, tuple[float, float]] | None = None,
+    lengths: KnownLengths | None = None,
+    measured: Sequence[Measured] = (),
     tell: Tell = lambda _: None,
 ) -> "FittedCampaign":
     """Fit the identification shots of the robot by the model of all sources of error.
 
-    `at_nominal` are the poses of all shots by the nominal robot, `lengths` sources of the tracker
-    that known lengths measured.
+    `lengths` measured the tracker's scale, `measured` are observations of other kinds.
 
     Raise `ShotsMissing` for too few shots, `ShotsInvalid` for shots that lead to no robot.
     """
+    at_nominal = nominal.forward(shots.joints, approach=shots.approach)
     sessions = fitted_sessions(shots, at_nominal.is_solved, options)
     model = error_model(nominal, shots, options, len(sessions))
     observations = observations_of(
         shots, at_nominal.values, options, sessions if options.sessions else None
     )
-    # --fix scale holds it at nominal
-    measured = {name: value for name, value in (lengths or {}).items() if name in model.names}
-    prior = Prior(lengths=measured)
+    rows = _rows_in_time(shots, observations, ShotSet.IDENTIFICATION)
+    kinds = other_kinds(measured, nominal, observations.rows(rows)) if measured else NO_KINDS
+    model = model.with_effects((*model.effects, *kinds.slots))
+    observations = replace(observations, blocks=kinds.fitted)
+    prior = Prior()
+    if lengths is not None and "scale" in model.names:  # --fix scale holds it at nominal
+        prior = Prior(lengths={"scale": lengths.scale})
     # 1. Explain the identification shots: effects of all kinds, wrong shots.
     # 2. Search for changes over all shots, and fit the identification shots with them.
-    rows = _rows_in_time(shots, observations, ShotSet.IDENTIFICATION)
     try:
         fit = with_periods_of_robot(explain(model, observations.rows(rows), prior, tell))
         fit, events = _with_changes_of_all_shots(fit, rows, shots, observations, tell)
@@ -153,7 +161,9 @@ def fit_campaign(
             remedy="look for gross errors: order and signs of the joints, units of points and of "
             "covariances; measure all over the workspace",
         ) from error
-    return FittedCampaign(nominal, shots, at_nominal, options, observations, fit, events)
+    return FittedCampaign(
+        nominal, shots, at_nominal, options, observations, fit, events, kinds=kinds
+    )
 
 
 # Changes are searched for over all shots in the order of time, hold-out shots too, as a diagnosis:
@@ -239,10 +249,9 @@ def update(
 
 
 @dataclass(frozen=True, eq=False)
-class FittedCampaign:
+class FittedCampaign(StatedValues):
     """Shots of a robot with their fit and events, from which the result is made."""
 
-    nominal: Kinematics
     shots: Shots
     at_nominal: KinematicSolution
     options: IdentificationOptions
@@ -253,6 +262,8 @@ class FittedCampaign:
     events: tuple[Event, ...]
     datum: NullDirections | None = None
     """Directions that priors alone determine; None: those that these shots do not determine."""
+    kinds: OtherKinds = NO_KINDS
+    """Observations of other kinds."""
 
     @cached_property
     def fit(self) -> Fit:
@@ -282,12 +293,7 @@ class FittedCampaign:
         if options.workspace is not None:
             repeating = repeating_share(fit, shots, self.observations)
             positions = uncertainty_of_positions(
-                fit,
-                identified,
-                options.workspace,
-                ratio,
-                repeating,
-                is_tested=unseen.test is not None,
+                fit, identified, options.workspace, ratio, repeating, tested=self._tested(unseen)
             )
         residuals = self._residuals(fit)
         all_findings = (
@@ -299,10 +305,10 @@ class FittedCampaign:
         effects = zip(fit.model.effects, fit.model.effect_places, strict=True)
         return IdentificationResult(
             value=Value(
-                parameters=self._parameters(fit, null, stated) | self._rates(fit),
+                parameters=self.parameters(fit, null, stated) | self.rates(fit),
                 undetermined=null.names,
                 sizes={group: float(size) for group, size in fit.sizes.items()},
-                tracker=self._tracker(fit),
+                tracker=self.tracker(fit),
                 layers=tuple(
                     StoredLayer.of(effect, fit.at.x[where])
                     for effect, where in effects
@@ -314,8 +320,8 @@ class FittedCampaign:
             ),
             uncertainty=replace(
                 positions,
-                scatter=self._scatter(fit),
-                covariance=self._covariance(fit, null, ratio),
+                scatter=self.scatter(fit),
+                covariance=self.covariance(fit, null, ratio),
                 posterior=self._posterior_to_store(fit, null),
             ),
             judgement=Judgement.of(
@@ -336,65 +342,6 @@ class FittedCampaign:
         row_at = {moment: row for row, moment in enumerate(self.observations.moment.tolist())}
         return np.array([row_at[m] for m in self.likeliest.observations.moment.tolist()])
 
-    def _parameters(
-        self, fit: Fit, null: NullDirections, stated: Array
-    ) -> dict[str, IdentifiedParameter]:
-        # Unknowns are deviations from nominal in tolerances; file_tolerance makes them mm, deg or
-        # ppm. A variance of nothing but rounding is a parameter that is undetermined by itself.
-        model, old = fit.model, self.nominal.parameters
-        variances = np.diag(self._stated_covariance(fit, null)).tolist()
-        deviations = (stated * model.file_tolerance).tolist()
-        fitted = {}
-        for place, name in enumerate(model.parameters):
-            std = max(variances[place], 0.0) ** 0.5 * float(model.file_tolerance[place])
-            value = old.get(name, 0.0) + deviations[place]
-            fitted[name] = (value, std if variances[place] > 1e-12 else None)
-        return identified_parameters(self.nominal, fitted)
-
-    def _rates(self, fit: Fit) -> dict[str, IdentifiedParameter]:
-        """Return the rates of periodic errors that were found, where the robot file states none."""
-        mechanism, nominal = fit.model.nominal.mechanism, self.nominal.mechanism
-        if mechanism.rates == nominal.rates:
-            return {}
-        std: dict[int, float] = {}
-        for effect, where in zip(fit.model.effects, fit.model.effect_places, strict=True):
-            if isinstance(effect, RateError):
-                relative = effect.rate_std * fit.covariance[where, where][0, 0] ** 0.5 / effect.rate
-                std |= {arm: float(relative) * mechanism.rates[arm] for arm in effect.arms}
-        table, before = mechanism.parameters, nominal.parameters.named_rates(nominal.rates)
-        arms = {name: arm for arm, name in enumerate(table.rates)}
-        return {
-            name: IdentifiedParameter(
-                nominal=before.get(name, 0.0),
-                value=rate,
-                std=std.get(arms.get(name, min(std, default=0))),
-                free=True,
-                group="ripple",
-            )
-            for name, rate in table.named_rates(mechanism.rates).items()
-        }
-
-    def _stated_covariance(self, fit: Fit, null: NullDirections) -> Array:
-        """Return the covariance (P, P) of the robot of today, in tolerances and the datum."""
-        matrix, size = fit.model.of_today, fit.model.size
-        return null.transform_covariance(matrix @ fit.covariance[:size, :size] @ matrix.T)
-
-    def _covariance(self, fit: Fit, null: NullDirections, ratio: float) -> ParameterCovariance:
-        model, table = fit.model, self.nominal.mechanism.parameters
-        places = [n for n, name in enumerate(model.names) if name in table.of_robot]
-        names = tuple(model.names[place] for place in places)
-        tolerance = model.file_tolerance[places]
-        matrix = self._stated_covariance(fit, null)[np.ix_(places, places)]
-        matrix = matrix * np.outer(tolerance, tolerance)
-        return ParameterCovariance(names, tuple(map(tuple, matrix.tolist())), ratio)
-
-    def _tracker(self, fit: Fit) -> dict[str, tuple[float, float]]:
-        """Return value and 1 σ of each of the tracker's errors, in the unit it is shown in."""
-        values = (fit.model.file_tolerance * fit.x).tolist()
-        std = (fit.model.file_tolerance * fit.std).tolist()
-        rows = zip(fit.model.names, values, std, strict=True)
-        return {name: (value, sigma) for name, value, sigma in rows if name in TRACKER_SOURCES}
-
     def _posterior_to_store(self, fit: Fit, null: NullDirections) -> StoredPosterior:
         # Not put into the datum: as a prior of new shots the whole posterior counts, and the
         # directions are stored beside it so that an update can apply the same datum.
@@ -413,26 +360,6 @@ class FittedCampaign:
             Frame.of(frame),
             tuple(map(tuple, of_frame.tolist())),
         )
-
-    def _scatter(self, fit: Fit) -> Scatter:
-        # Factors multiply variances: their roots multiply σ of the data sheet.
-        factors, joints = fit.factors, self.nominal.mechanism.joints
-        point, joint = fit.scatter
-        joint = joints[0].to_file(joint)
-        of_instrument: dict[str, float] = {
-            part: factors[part] ** 0.5 for part in ("along", "across") if part in factors
-        }
-        shown = findings.scatter_in_words(fit)
-        says = (
-            f"robot repeatability: {point:.3g} mm per axis, {shown} per joint (1 σ), included in σ"
-        )
-        if of_instrument:
-            values = ", ".join(f"{value:.2g} × {part}" for part, value in of_instrument.items())
-            says = (
-                f"the file states no σ of points: noise estimated, {values} the beam of the data "
-                f"sheet's; robot repeatability {point:.3g} mm per axis, {shown} per joint (1 σ)"
-            )
-        return Scatter(point, joint, of_instrument, says)
 
     def _residuals(self, fit: Fit) -> ResidualTable:
         """Return the errors of the fitted shots: nominal in its own best frames, and identified."""
@@ -527,7 +454,8 @@ class FittedCampaign:
             errors = unseen.errors.summary()
             worse = f"rms {errors.before.rms:.4f} → {errors.after.rms:.4f} mm"
             yield Finding(findings.WORSE, f"hold-out pairs got worse: {worse}", "fail")
-        if unseen.errors is None:
+        yield from kind_findings(fit, tests_of(fit, self.kinds.held_out))
+        if unseen.errors is None and "position" not in self._tested(unseen):
             says = (
                 "no validation pairs: nothing shows that the result holds elsewhere; `identify "
                 "--hold-out 20%` keeps some of the shots for it"
@@ -541,6 +469,11 @@ class FittedCampaign:
         yield from quantity_findings(
             positions.determined, options.judged_quantities, options.rotation_deg
         )
+
+    def _tested(self, unseen: UnseenPairs) -> frozenset[str]:
+        """Return the quantities that hold-out pairs and held-out observations check."""
+        by_pairs = () if unseen.test is None else ("position", "flat", "xy")
+        return tested_by(self.kinds.held_out) | frozenset(by_pairs)
 
     # What is reported goes through the forward model once more: along directions that no shot
     # determines positions must not move, however far the datum is from the estimate.

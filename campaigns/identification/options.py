@@ -20,7 +20,7 @@ from campaigns.kinematics.parameters import INNER, ParameterTable
 from campaigns.settings.option import Option
 from campaigns.settings.sections import KnownLengthConfig
 
-QuantityWord = Literal["position", "rotation"]
+QuantityWord = Literal["position", "rotation", "flat", "xy"]
 """What shots may determine."""
 MOST_HELD_OUT = 0.5
 LEAST_STD = 1e-6

@@ -5,7 +5,7 @@ the posterior covariance through the derivatives of that position by every unkno
 large correlated σ may give small σ of positions, so this is the figure to judge a result by.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Literal
 
 import numpy as np
@@ -26,7 +26,12 @@ from campaigns.fit.uncertainty import (
     without_axes,
     without_frame,
 )
-from campaigns.identification.determined import Determined, assumed_share, rotation_determined
+from campaigns.identification.determined import (
+    Determined,
+    assumed_share,
+    determined_on_planes,
+    rotation_determined,
+)
 from campaigns.identification.result import ParameterCovariance, PositionStd, Share, Uncertainty
 from campaigns.kinematics.model import Kinematics
 
@@ -46,6 +51,7 @@ NOISE_WORDS = {
     "stand": "slow motion of the stand",
     "periods": "periodic errors of the drives",
     "lag": "joints read before they arrived",
+    "surroundings": "planes, parts and holders that were measured",
     "layer": "errors by place or angle without a known source",
     REPEATING: "errors that repeat, beyond the scatter of visits",
     FORMER: "former result",
@@ -60,14 +66,15 @@ def uncertainty_of_positions(
     ratio: float,
     repeating: float = 0.0,
     *,
-    is_tested: bool = False,
+    tested: Collection[str] = (),
 ) -> Uncertainty:
     """Return the uncertainty of positions at poses (N, t), in the frame that fits all of them best.
 
     `ratio` multiplies the uncertainty where hold-out pairs showed larger errors, `repeating` is the
-    share of the robot's scatter that repeats, and so is an error of each position. `is_tested` says
-    whether there were hold-out pairs. Rotation is stated beside positions. Nothing is stated where
-    the identified robot can take too few of the poses.
+    share of the robot's scatter that repeats, and so is an error of each position. `tested` are the
+    quantities that hold-out shots check. Rotation is stated beside positions, and heights and
+    places on planes that were touched. Nothing is stated where the identified robot can take too
+    few of the poses.
     """
     # 1. Derivatives of the positions by all unknowns, at the workspace's sample and at the shots
     #    that counted, both "unmeasured": without a tracker, since only the robot is asked about.
@@ -117,14 +124,19 @@ def uncertainty_of_positions(
     if repeating:
         squares[REPEATING] = float(repeats[:count].mean())
     assumed = assumed_share(fit, squares)
-    position = Determined("position", sizes.mean, sizes.max, sizes.rms, assumed, is_tested)
+    position = Determined(
+        "position", sizes.mean, sizes.max, sizes.rms, assumed, "position" in tested
+    )
     # points of one reflector do not check the tool's rotation
-    rotation = rotation_determined(fit, identified, at_sample, sample, ratio)
+    rotation = rotation_determined(
+        fit, identified, at_sample, sample, ratio, is_tested="rotation" in tested
+    )
+    on_planes = determined_on_planes(fit, tested)
     return Uncertainty(
         position_std_mm=sizes,
         budget=_shares(squares, ratio, rms),
         region=region,
-        determined=(position, *rotation),
+        determined=(position, *rotation, *on_planes),
     )
 
 

@@ -1,0 +1,154 @@
+"""Identify a robot that no tracker measured, from heights, distances and other kinds alone.
+
+The same fit, without points and without frames: the result is in the base frame. What observations
+determine is stated for each quantity (`determined.py`), and nothing passes that tolerances state.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.errors import OptionsInvalid, ShotsInvalid, ShotsMissing
+from campaigns.fit.error_model import Observations
+from campaigns.fit.error_sources import TRACKER_SOURCES
+from campaigns.fit.fit import Fit, fit_model, integrate_sizes
+from campaigns.fit.uncertainty import NullDirections, null_directions, without_frame
+from campaigns.identification import findings
+from campaigns.identification.determined import (
+    Determined,
+    determined_by,
+    determined_on_planes,
+    quantity_findings,
+    rotation_determined,
+)
+from campaigns.identification.findings import Finding
+from campaigns.identification.observations import error_model
+from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.other_kinds import (
+    Measured,
+    OtherKinds,
+    kind_findings,
+    other_kinds,
+    tested_by,
+    tests_of,
+)
+from campaigns.identification.result import (
+    IdentificationResult,
+    Judgement,
+    PositionStd,
+    Provenance,
+    Residuals,
+    Uncertainty,
+    Value,
+)
+from campaigns.identification.stated_values import StatedValues
+from campaigns.kinematics.model import Kinematics
+
+
+def identify_without_points(
+    nominal: Kinematics, measured: Iterable[Measured], options: IdentificationOptions
+) -> IdentificationResult:
+    """Identify a robot from observations of other kinds, and judge what they determine.
+
+    Raise `OptionsInvalid` for kinds that need points of a tracker, `ShotsInvalid` for observations
+    that lead to no robot.
+    """
+    kinds = other_kinds(measured, nominal)
+    if not kinds.fitted:
+        raise ShotsMissing(
+            "nothing was observed: no shots, and no observations of other kinds",
+            remedy="give shots, heights or distances",
+        )
+    for block in (*kinds.fitted, *kinds.held_out):
+        if block.kind.by_tracker:
+            raise OptionsInvalid(
+                f"{block.kind.name}s of {block.name} are in a tracker's frame, which points place",
+                remedy="measure some shots with a reflector at the controlled point as well",
+            )
+    joints, task = len(nominal.mechanism.joints), len(nominal.mechanism.task)
+    nothing = Observations.unmeasured(np.zeros((0, joints)), np.zeros((0, task)))
+    model = error_model(nominal, None, options).with_effects(kinds.slots)
+    model = replace(model, held=frozenset({*model.held, *TRACKER_SOURCES}))
+    try:
+        fit = fit_model(model, replace(nothing, blocks=kinds.fitted))
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise ShotsInvalid(
+            f"the observations lead to no robot ({error})",
+            remedy="look for gross errors: order and signs of the joints, units of values",
+        ) from error
+    return _Observed(nominal, options, kinds, fit).make_result()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Observed(StatedValues):
+    """Fit of observations without points, from which the result is made."""
+
+    options: IdentificationOptions
+    kinds: OtherKinds
+    likeliest: Fit
+    """Fit at the likeliest sizes of groups."""
+
+    def make_result(self) -> IdentificationResult:
+        """Return the result with its findings and verdict."""
+        null, fit = null_directions(self.likeliest), integrate_sizes(self.likeliest)
+        stated = null.transform(fit.model.of_today @ fit.at.x)
+        determined = self._determined(fit, fit.model.kinematics(stated))
+        positions = [PositionStd(q.mean, q.max, q.rms) for q in determined if q.name == "position"]
+        return IdentificationResult(
+            value=Value(
+                parameters=self.parameters(fit, null, stated),
+                undetermined=null.names,
+                sizes={group: float(size) for group, size in fit.sizes.items()},
+            ),
+            uncertainty=Uncertainty(
+                scatter=self.scatter(fit),
+                covariance=self.covariance(fit, null, 1.0),
+                position_std_mm=positions[0] if positions else None,
+                determined=determined,
+            ),
+            judgement=Judgement.of(
+                tuple(self._findings(fit, null, determined)),
+                ["; ".join(f"{q.name}: 1 σ is {q.rms:.2g} {q.unit} rms" for q in determined)],
+            ),
+            residuals=Residuals(),
+            provenance=Provenance("full", fit.has_converged, fit.rounds),
+        )
+
+    def _determined(self, fit: Fit, identified: Kinematics) -> tuple[Determined, ...]:
+        tested = tested_by(self.kinds.held_out)
+        quantities = [*determined_on_planes(fit, tested)]
+        if self.options.workspace is not None:
+            joints, poses = identified.select_reachable(self.options.workspace)
+            quantities += self._in_space(fit, identified, joints, poses)
+        return tuple(quantities)
+
+    def _in_space(
+        self, fit: Fit, identified: Kinematics, joints: Array, poses: Array
+    ) -> Iterator[Determined]:
+        tested = tested_by(self.kinds.held_out)
+        robot = fit.model.robot_at(fit.at.x, Observations.unmeasured(joints, poses), poses)
+        by = without_frame(robot.by, robot.assembly.points)
+        yield determined_by("position", fit, by, is_tested="position" in tested)
+        yield from rotation_determined(
+            fit, identified, joints, poses, 1.0, is_tested="rotation" in tested
+        )
+
+    def _findings(
+        self, fit: Fit, null: NullDirections, determined: tuple[Determined, ...]
+    ) -> Iterator[Finding]:
+        options = self.options
+        if not fit.has_converged:
+            says = "the fit did not settle: look for gross errors, or measure at more poses"
+            yield Finding(findings.NOT_ARRIVED, says, "fail")
+        accepted = findings.ACCEPTABLE if options.accept_large_change else ()
+        for finding in findings.tolerance_findings(fit, null):
+            yield finding.accept(accepted)
+        yield from findings.scatter_findings(fit)
+        yield from kind_findings(fit, tests_of(fit, self.kinds.held_out))
+        wanted = options.judged_quantities
+        yield from quantity_findings(determined, wanted, options.rotation_deg)
+        if "position" in wanted and "position" not in tested_by(self.kinds.held_out):
+            says = "no held-out point or probe: nothing shows where the robot is in space"
+            yield Finding(findings.NOTHING_UNSEEN, says, "not decided")

@@ -1,0 +1,234 @@
+"""Heights, distances and probes, alone and beside points; the truth is that of rods."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from printers import BED_MM, Printer, printer, rings
+from rod_campaigns import TRACKER_FROM_BASE
+from scipy.optimize import fsolve
+from scipy.spatial.transform import Rotation
+
+from campaigns.api import find_robot, identify, sample_workspace
+from campaigns.errors import OptionsInvalid, ShotsInvalid, ShotsMissing
+from campaigns.identification.other_kinds import Measured
+from campaigns.shots.shots import Shots
+
+KNOWN = (0.002, 1e-4)
+
+
+def identified(made, observations, *quantities, shots=None):
+    options = {"quantities": quantities or ("position",)}
+    return identify(shots, made.robot, observations=observations, options=options)
+
+
+def quantities_of(result):
+    return {quantity.name: quantity for quantity in result.uncertainty.determined}
+
+
+def touches(made, rows=6):
+    return [made.heights(rings(BED_MM, rows)), made.heights(rings(75.0, 2), held_out=True)]
+
+
+def with_callipers(made, **options):
+    widths = made.widths(65.0, shrinkage=KNOWN, **options)
+    return [*touches(made), widths, made.widths(50.0, shrinkage=KNOWN, held_out=True)]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_heights_determine_how_flat_a_printer_is_and_no_position(seed):
+    made = Printer(seed)
+    result = identified(made, touches(made))
+    assert result.judgement.verdict == "not decided"
+    assert {"not-determined", "nothing-unseen"} <= {*result.judgement.obstacles}
+    found, real = quantities_of(result), made.errors_mm(result)
+    assert (found["flat"].is_determined, found["flat"].is_tested) == (True, True)
+    assert (found["xy"].is_determined, found["xy"].is_tested) == (False, False)
+    assert not found["position"].is_determined
+    assert {name: real[name] < 2.0 * found[name].rms for name in real} == dict.fromkeys(real, True)
+    assert found["flat"].rms < 0.02
+    # what they determine may be passed by itself
+    assert identified(made, touches(made), "flat").judgement.verdict == "pass"
+    assert identified(made, touches(made), "flat,xy").judgement.verdict == "not decided"
+
+
+def test_seven_heights_pass_nothing_in_space():
+    made = Printer(4)
+    result = identified(made, touches(made, 1))
+    assert result.judgement.verdict == "not decided"
+    assert quantities_of(result)["position"].assumed > 0.5
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_callipers_determine_places_on_the_bed(seed):
+    made = Printer(seed)
+    result = identified(made, with_callipers(made), "flat", "xy")
+    found, real = quantities_of(result), made.errors_mm(result)
+    assert result.judgement.verdict == "pass"
+    assert (found["xy"].is_determined, found["xy"].is_tested) == (True, True)
+    assert {name: real[name] < 2.0 * found[name].rms for name in real} == dict.fromkeys(real, True)
+    assert found["xy"].rms < 0.5 * quantities_of(identified(made, touches(made)))["xy"].rms
+    # nothing that was held out shows where the nozzle is in space
+    assert identified(made, with_callipers(made)).judgement.obstacles[-1] == "nothing-unseen"
+
+
+def test_mistyped_widths_are_left_out_and_named():
+    made = Printer(5)
+    result = identified(made, with_callipers(made, wrong=(3,)), "flat", "xy")
+    says = [f.says for f in result.judgement.findings if f.name == "wrong-observations"]
+    assert says == ["distances of part left out as wrong: 3 (from 0)"]
+    assert result.judgement.verdict == "pass"
+    result = identified(made, with_callipers(made, wrong=(3, 7)), "flat", "xy")
+    assert result.judgement.obstacles == ("wrong-observations",)
+    assert "left out as wrong: 3, 7 (from 0), 17 % of them" in result.judgement.reasons[0]
+    assert made.errors_mm(result)["xy"] < 2.0 * quantities_of(result)["xy"].rms
+
+
+def test_held_out_heights_that_contradict_the_result_decide_nothing():
+    """A bump of 2 mm in the bed where nothing was fitted."""
+    made = Printer(6)
+    fitted, held_out = touches(made)
+    bump = replace(held_out, values=held_out.values + 2.0 * (np.arange(13) < 4))
+    result = identified(made, [fitted, bump], "flat")
+    assert result.judgement.obstacles == ("unseen-observations",)
+
+
+def test_heights_beside_points_narrow_positions():
+    made = Printer(7)
+    shots, heights = made.points(40), touches(made)
+    alone = identified(made, [], shots=shots)
+    both = identified(made, heights, "position,flat,xy", shots=shots)
+    found, real = quantities_of(both), made.errors_mm(both)
+    assert [found[name].is_tested for name in ("position", "flat", "xy")] == [True] * 3
+    assert found["position"].rms < quantities_of(alone)["position"].rms
+    assert {name: real[name] < 2.0 * found[name].rms for name in real} == dict.fromkeys(real, True)
+    shares = {share.source: share.mm for share in both.uncertainty.budget}
+    assert sum(mm**2 for mm in shares.values()) ** 0.5 == pytest.approx(found["position"].rms)
+    assert shares["surroundings"] < 0.01
+
+
+def test_a_quantity_on_a_plane_needs_a_plane():
+    made = Printer(8)
+    result = identified(made, [], "position,flat", shots=made.points(40))
+    assert "not-determined" in result.judgement.obstacles
+
+
+# --- a probe on a hexapod -------------------------------------------------------------------------
+
+PLACE_MM, TURN = np.array([10.0, 5.0, -20.0]), Rotation.from_rotvec([0.3, -0.2, 0.5])
+
+
+class Legs:
+    """Hexapod by its legs' lengths alone, solved by scipy."""
+
+    def __init__(self, robot, seed):
+        rng = np.random.default_rng(seed)
+        named = robot.parameters
+        arms = [f"arm{arm}" for arm in range(6)]
+        self.base, self.plate = (
+            np.array([[named[f"{arm}.{stem}{axis}_mm"] for axis in "xyz"] for arm in arms])
+            + rng.normal(0.0, 0.1, (6, 3))
+            for stem in ("", "plate_")
+        )
+        self.beyond_mm = np.array([named[f"{arm}.joint_offset_mm"] for arm in arms])
+        self.beyond_mm = self.beyond_mm + rng.normal(0.0, 0.2, 6)
+
+    def poses(self, joints, near):
+        def misfit(pose, lengths):
+            ends = pose[:3] + Rotation.from_rotvec(pose[3:]).apply(self.plate)
+            return np.linalg.norm(ends - self.base, axis=1) - lengths
+
+        lengths = joints + self.beyond_mm
+        return np.array(
+            [fsolve(misfit, at, (row,), xtol=1e-13) for at, row in zip(near, lengths, strict=True)]
+        )
+
+
+@pytest.fixture(scope="module")
+def hexapod():
+    """Ten pairs of points as shots, forty poses of a probe, twelve of them held out."""
+    robot, rng = find_robot("hexapod"), np.random.default_rng(5)
+    legs = Legs(robot, 3)
+    near = sample_workspace(robot, 80, seed=4)
+    joints = robot.kinematics.inverse(near).values_or_raise()
+    real = legs.poses(joints, near)
+    seen = TRACKER_FROM_BASE.apply(real[:, :3])
+    shots = Shots.of(
+        joints[:28], seen[:28] + 0.01 * rng.standard_normal((28, 3)), robot,
+        sets=["identification"] * 20 + ["validation"] * 8,
+        pairs=[n // 2 for n in range(20)] + [n // 2 for n in range(8)],
+        covariance_mm2=1e-4 * np.eye(3),
+    )  # fmt: skip
+    axes = Rotation.from_rotvec(real[:, 3:])
+    place = TRACKER_FROM_BASE.apply(real[:, :3] + axes.apply(PLACE_MM))
+    noise = Rotation.from_rotvec(1e-4 * rng.standard_normal((80, 3)))
+    turn = (noise * Rotation.from_matrix(TRACKER_FROM_BASE.rotation) * axes * TURN).as_rotvec()
+    values = np.hstack([place + 0.01 * rng.standard_normal((80, 3)), turn])
+    probe = [
+        Measured(
+            kind="probe", target="probe", joints=joints[rows], values=values[rows], std_mm=0.01,
+            surroundings=tuple((value + 1.0, 2.0) for value in PLACE_MM), held_out=held_out,
+        )
+        for rows, held_out in ((slice(28, 68), False), (slice(68, 80), True))
+    ]  # fmt: skip
+    return robot, legs, shots, probe
+
+
+def test_a_probe_determines_and_tests_the_rotation(hexapod):
+    robot, legs, shots, probe = hexapod
+    asked = {"quantities": ("position,rotation",)}
+    alone = identify(shots, robot, options=asked)
+    result = identify(shots, robot, observations=probe, options=asked)
+    rotation = quantities_of(result)["rotation"]
+    assert (rotation.is_determined, rotation.is_tested) == (True, True)
+    assert rotation.rms < 0.5 * quantities_of(alone)["rotation"].rms
+    assert (result.judgement.verdict, alone.judgement.verdict) == ("pass", "not decided")
+    # real turns, less those of the base's and the tool's own axes
+    near = sample_workspace(robot, 60, seed=9)
+    joints = robot.kinematics.inverse(near).values_or_raise()
+    found = robot.kinematics.of(robot.mechanism, result.value.flat())
+    turned, real = (
+        Rotation.from_rotvec(poses[:, 3:])
+        for poses in (found.forward(joints, near).values_or_raise(), legs.poses(joints, near))
+    )
+    errors = (turned * real.inv()).as_rotvec()
+    motions = np.concatenate([np.tile(np.eye(3), (60, 1, 1)), real.as_matrix()], axis=2)
+    columns = motions.reshape(-1, 6)
+    left = errors.ravel() - columns @ np.linalg.lstsq(columns, errors.ravel(), rcond=None)[0]
+    rms = np.degrees(np.sqrt((left**2).sum() / 60))
+    assert rms < 2.0 * rotation.rms
+
+
+def test_a_probe_without_points_has_no_frame(hexapod):
+    robot, _, _, probe = hexapod
+    with pytest.raises(OptionsInvalid, match="probes of probe are in a tracker's frame"):
+        identify(None, robot, observations=probe)
+
+
+# --- what is refused ------------------------------------------------------------------------------
+
+BEYOND = np.tile([1e5, 0.0, 0.0], (8, 1))
+BED = {"kind": "height", "target": "bed", "std_mm": 0.01}
+
+
+def bed(count, **changed):
+    joints = np.tile(printer().kinematics.inverse([[0.0, 0.0, 0.0]]).values, (count, 1))
+    return Measured(**{**BED, "joints": joints, "values": np.zeros(count), **changed})
+
+
+@pytest.mark.parametrize(
+    ("rows", "error", "says"),
+    [
+        ([bed(8, kind="hight")], OptionsInvalid, "'hight' is no kind of observation"),
+        ([bed(5)], ShotsMissing, "5 heights of bed"),
+        ([bed(8, values=np.zeros(7))], ShotsInvalid, "7 values of 8 observations"),
+        ([bed(8, joints=BEYOND)], ShotsInvalid, "no assembly at the joints of"),
+        ([bed(8, surroundings=((0.0, 1.0),))], OptionsInvalid, "1 surroundings, must have none"),
+        ([bed(8, kind="reflector", values=np.zeros((8, 3)))], OptionsInvalid, "place of three"),
+        ([bed(8, held_out=True)], ShotsMissing, "held out, but none is fitted"),
+        ([], ShotsMissing, "nothing was observed"),
+    ],
+)
+def test_observations_that_cannot_be_fitted_are_refused(rows, error, says):
+    with pytest.raises(error, match=says):
+        identify(None, printer(), observations=rows)
