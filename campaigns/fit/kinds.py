@@ -54,8 +54,8 @@ class Slot(Effect):
 
     @property
     def name(self) -> str:
-        """Name of its target."""
-        return self.target
+        """Name among all effects."""
+        return f"surroundings of {self.target}"
 
     @property
     def count(self) -> int:
@@ -130,7 +130,7 @@ class Block:
     stated: Array
     """Covariance of the rows by who measured them, (M, r, r), mm²."""
     slots: tuple[str, ...]
-    """Names of the slots, in the order of the kind's function."""
+    """Targets of the slots, in the order of the kind's function."""
     frame: Index
     """Number of the frame of each observation, (M,), where a tracker took it."""
 

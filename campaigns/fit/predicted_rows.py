@@ -145,11 +145,11 @@ def _noise_of(
 def _slots_of(model: "ErrorModel", block: Block) -> tuple[list[Slot], list[slice]]:
     """Return the slots of a block in its order, and the places of their unknowns."""
     named = {
-        effect.name: (effect, where)
+        effect.target: (effect, where)
         for effect, where in zip(model.effects, model.effect_places, strict=True)
         if isinstance(effect, Slot)
     }
-    slots, places = zip(*(named[name] for name in block.slots), strict=True)
+    slots, places = zip(*(named[target] for target in block.slots), strict=True)
     return list(slots), list(places)
 
 

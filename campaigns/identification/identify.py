@@ -110,6 +110,11 @@ def identify(
             f"--for rotation: the platform of a {nominal.mechanism.name} does not turn",
             remedy="ask for position, which is the default",
         )
+    if measured and (options.model == "paper" or options.sessions):
+        raise OptionsInvalid(
+            "observations of other kinds are not fitted by the paper's method, nor with sessions",
+            remedy="leave out --model paper and --sessions, or the observations",
+        )
     # Calibrated bars are measured by the tracker alone: their shots have no joints that could be
     # fitted, so they are evaluated first and then taken out.
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
@@ -144,15 +149,17 @@ def fit_campaign(
         shots, at_nominal.values, options, sessions if options.sessions else None
     )
     rows = _rows_in_time(shots, observations, ShotSet.IDENTIFICATION)
-    kinds = other_kinds(measured, nominal, observations.rows(rows)) if measured else NO_KINDS
-    model = model.with_effects((*model.effects, *kinds.slots))
-    observations = replace(observations, blocks=kinds.fitted)
     prior = Prior()
     if lengths is not None and "scale" in model.names:  # --fix scale holds it at nominal
         prior = Prior(lengths={"scale": lengths.scale})
     # 1. Explain the identification shots: effects of all kinds, wrong shots.
     # 2. Search for changes over all shots, and fit the identification shots with them.
+    kinds = NO_KINDS
     try:
+        if measured:
+            kinds = other_kinds(measured, nominal, observations.rows(rows))
+            model = model.with_effects((*model.effects, *kinds.slots))
+            observations = replace(observations, blocks=kinds.fitted)
         fit = with_periods_of_robot(explain(model, observations.rows(rows), prior, tell))
         fit, events = _with_changes_of_all_shots(fit, rows, shots, observations, tell)
     except (ValueError, np.linalg.LinAlgError) as error:

@@ -89,18 +89,25 @@ def other_kinds(
 ) -> OtherKinds:
     """Make blocks of observations; `points` place the tracker's frame for those of a tracker.
 
-    Raise `OptionsInvalid` for an unknown kind or surroundings that are missing, `ShotsMissing` for
-    too few heights or nothing fitted, `ShotsInvalid` for joints that lead to no assembly.
+    Raise `OptionsInvalid` for an unknown kind or part, or surroundings that are missing,
+    `ShotsMissing` for too few heights or nothing fitted, `ShotsInvalid` for values that are none or
+    joints that lead to no assembly, `ValueError` for points that place no frame.
     """
     frame = None
-    if points is not None and len(points):
+    if points is not None:
         assembly = nominal.mechanism.assemble(nominal.p, points.joints, points.near)
         frame = first_frames(points, assembly.points, assembly.is_solved)[0][0]
     blocks: dict[bool, list[Block]] = {False: [], True: []}
     slots: dict[str, Slot] = {}
+    kinds: dict[str, str] = {}
     for rows in sorted(measured, key=lambda rows: rows.held_out):
         block = _block_of(rows, nominal)
         blocks[rows.held_out].append(block)
+        if kinds.setdefault(rows.target, rows.kind) != rows.kind:
+            raise OptionsInvalid(
+                f"'{rows.target}' has {kinds[rows.target]}s and {rows.kind}s",
+                remedy="give each kind a target of its own",
+            )
         if rows.target in slots:
             continue
         if rows.held_out:
@@ -132,7 +139,18 @@ def _block_of(rows: Measured, nominal: Kinematics) -> Block:
             f"{len(values)} heights of {rows.target}: they say nothing but where its plane is",
             remedy=f"touch it at {FEWEST_HEIGHTS} places at least, better 30",
         )
-    seen = replace(nominal, mechanism=nominal.mechanism.seen_from(rows.part))
+    std = np.broadcast_to(np.asarray(rows.std_mm, dtype=np.float64), (width,))
+    if not (np.isfinite(values).all() and np.isfinite(std).all() and std.min() > 0.0):
+        raise ShotsInvalid(
+            f"{rows.target}: a value is no number, or a σ not above 0",
+            remedy="leave out what was not measured, and state its σ",
+        )
+    try:
+        seen = replace(nominal, mechanism=nominal.mechanism.seen_from(rows.part))
+    except ValueError as error:
+        raise OptionsInvalid(
+            f"{rows.target}: {error}", remedy="leave out part for the controlled point"
+        ) from error
     poses = seen.forward(joints.reshape(-1, axes))
     is_solved = poses.is_solved.reshape(len(joints), kind.bodies).all(axis=1)
     if not is_solved.all():
@@ -140,7 +158,6 @@ def _block_of(rows: Measured, nominal: Kinematics) -> Block:
             f"{rows.target}: no assembly at the joints of observation {int(np.argmin(is_solved))}",
             remedy="look at the order and signs of joints, and at their units",
         )
-    std = np.broadcast_to(np.asarray(rows.std_mm, dtype=np.float64), (width,))
     return Block(
         kind=kind,
         name=rows.target,

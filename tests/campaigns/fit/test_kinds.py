@@ -38,13 +38,13 @@ def block_of(kind, observations, *, parts=None, values=None, std_mm=STATED_MM):
     width = len(kind.columns)
     return Block(
         kind=kind,
-        name=SLOTS[kind.name].name,
+        name=SLOTS[kind.name].target,
         parts=parts or (None,) * kind.bodies,
         joints=np.stack([observations.joints[row] for row in rows], axis=1),
         near=np.stack([observations.near[row] for row in rows], axis=1),
         values=np.zeros((count, width)) if values is None else values,
         stated=np.broadcast_to(std_mm**2 * np.eye(width), (count, width, width)),
-        slots=(SLOTS[kind.name].name,),
+        slots=(SLOTS[kind.name].target,),
         frame=observations.frame,
     )
 

@@ -107,6 +107,21 @@ def test_heights_beside_points_narrow_positions():
     assert shares["surroundings"] < 0.01
 
 
+@pytest.mark.parametrize("option", [{"model": "paper"}, {"sessions": True}])
+def test_what_does_not_fit_other_kinds_refuses_them(option):
+    made = Printer(8)
+    with pytest.raises(OptionsInvalid, match="observations of other kinds are not fitted"):
+        identify(made.points(20), made.robot, observations=touches(made), options=option)
+
+
+def test_a_result_without_points_is_shown_and_stored():
+    result = identified(Printer(9), touches(Printer(9)), "flat")
+    assert "verdict: pass" in result.report()
+    document = result.document()
+    assert [row["name"] for row in document["determined"]] == ["flat", "xy", "position"]
+    assert (document["frame"], document["residuals_mm"]) == (None, None)
+
+
 def test_a_quantity_on_a_plane_needs_a_plane():
     made = Printer(8)
     result = identified(made, [], "position,flat", shots=made.points(40))
@@ -207,6 +222,7 @@ def test_a_probe_without_points_has_no_frame(hexapod):
 
 # --- what is refused ------------------------------------------------------------------------------
 
+PLACES = np.zeros((8, 3))
 BEYOND = np.tile([1e5, 0.0, 0.0], (8, 1))
 BED = {"kind": "height", "target": "bed", "std_mm": 0.01}
 
@@ -224,9 +240,17 @@ def bed(count, **changed):
         ([bed(8, values=np.zeros(7))], ShotsInvalid, "7 values of 8 observations"),
         ([bed(8, joints=BEYOND)], ShotsInvalid, "no assembly at the joints of"),
         ([bed(8, surroundings=((0.0, 1.0),))], OptionsInvalid, "1 surroundings, must have none"),
-        ([bed(8, kind="reflector", values=np.zeros((8, 3)))], OptionsInvalid, "place of three"),
+        ([bed(8, kind="reflector", values=PLACES)], OptionsInvalid, "place of three"),
         ([bed(8, held_out=True)], ShotsMissing, "held out, but none is fitted"),
         ([], ShotsMissing, "nothing was observed"),
+        ([bed(8, values=np.full(8, np.nan))], ShotsInvalid, "a value is no number"),
+        ([bed(8, std_mm=0.0)], ShotsInvalid, "σ not above 0"),
+        ([bed(8, part=3)], OptionsInvalid, "bed: "),
+        (
+            [bed(8), bed(8, kind="reflector", values=PLACES)],
+            OptionsInvalid,
+            "heights and reflectors",
+        ),
     ],
 )
 def test_observations_that_cannot_be_fitted_are_refused(rows, error, says):
