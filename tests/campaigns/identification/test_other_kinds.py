@@ -52,6 +52,13 @@ def test_heights_determine_how_flat_a_printer_is_and_no_position(seed):
     assert identified(made, touches(made), "flat,xy").judgement.verdict == "not decided"
 
 
+def test_what_nothing_held_out_checks_is_not_passed():
+    made = Printer(4)
+    heights, _, widths, _ = with_callipers(made)
+    assert identified(made, [heights], "flat").judgement.obstacles == ("not-tested",)
+    assert identified(made, [heights, widths], "xy").judgement.obstacles == ("not-tested",)
+
+
 def test_seven_heights_pass_nothing_in_space():
     made = Printer(4)
     result = identified(made, touches(made, 1))
