@@ -461,7 +461,7 @@ class FittedCampaign(StatedValues):
             errors = unseen.errors.summary()
             worse = f"rms {errors.before.rms:.4f} → {errors.after.rms:.4f} mm"
             yield Finding(findings.WORSE, f"hold-out pairs got worse: {worse}", "fail")
-        yield from kind_findings(fit, tests_of(fit, self.kinds.held_out))
+        yield from kind_findings(fit, tests_of(fit, self.likeliest, self.kinds.held_out))
         if unseen.errors is None and "position" not in self._tested(unseen):
             says = (
                 "no validation pairs: nothing shows that the result holds elsewhere; `identify "

@@ -94,7 +94,10 @@ class _Observed(StatedValues):
         """Return the result with its findings and verdict."""
         null, fit = null_directions(self.likeliest), integrate_sizes(self.likeliest)
         stated = null.transform(fit.model.of_today @ fit.at.x)
-        determined = self._determined(fit, fit.model.kinematics(stated))
+        # the averaged covariance is of the linear model at the likeliest sizes
+        spread = fit.covariance - self.likeliest.inverse
+        averaged = replace(self.likeliest, spread=spread)
+        determined = self._determined(averaged, fit.model.kinematics(stated))
         positions = [PositionStd(q.mean, q.max, q.rms) for q in determined if q.name == "position"]
         return IdentificationResult(
             value=Value(
@@ -146,7 +149,7 @@ class _Observed(StatedValues):
         for finding in findings.tolerance_findings(fit, null):
             yield finding.accept(accepted)
         yield from findings.scatter_findings(fit)
-        yield from kind_findings(fit, tests_of(fit, self.kinds.held_out))
+        yield from kind_findings(fit, tests_of(fit, self.likeliest, self.kinds.held_out))
         wanted = options.judged_quantities
         yield from quantity_findings(determined, wanted, options.rotation_deg)
         if "position" in wanted and "position" not in tested_by(self.kinds.held_out):

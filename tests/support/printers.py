@@ -51,9 +51,9 @@ def rings(radius_mm, count):
 class Printer:
     """Drawn printer that touches, draws and is measured; its equations are those of rods."""
 
-    def __init__(self, seed, robot=None):
-        self.robot = robot or printer()
-        self.truth = RodRobot(self.robot, AS_BUILT, seed)
+    def __init__(self, seed, errors=AS_BUILT):
+        self.robot = printer()
+        self.truth = RodRobot(self.robot, errors, seed)
         self.rng = np.random.default_rng([seed, 7])
         self.slopes = self.rng.normal(0.0, 1e-3, 2)
 

@@ -1,10 +1,11 @@
 """Heights, distances and probes, alone and beside points; the truth is that of rods."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from printers import BED_MM, Printer, printer, rings
+from printers import AS_BUILT, BED_MM, Printer, printer, rings
 from rod_campaigns import TRACKER_FROM_BASE
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
@@ -98,6 +99,14 @@ def test_held_out_heights_that_contradict_the_result_decide_nothing():
     bump = replace(held_out, values=held_out.values + 2.0 * (np.arange(13) < 4))
     result = identified(made, [fitted, bump], "flat")
     assert result.judgement.obstacles == ("unseen-observations",)
+
+
+def test_held_out_heights_of_a_leaning_printer_are_stated_as_narrow_as_others():
+    """Rails 8 mrad off upright: no tilt of bed and base widens what heights are stated to."""
+    made = Printer(2, replace(AS_BUILT, azimuths_mrad=8.0))
+    result = identified(made, touches(made), "flat")
+    (says,) = (f.says for f in result.judgement.findings if f.name == "unseen-observations")
+    assert float(re.search(r"stated ([\d.]+) mm", says)[1]) < 0.02
 
 
 def test_heights_beside_points_narrow_positions():
