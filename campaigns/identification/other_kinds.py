@@ -90,8 +90,8 @@ def other_kinds(
     """Make blocks of observations; `points` place the tracker's frame for those of a tracker.
 
     Raise `OptionsInvalid` for an unknown kind or part, or surroundings that are missing,
-    `ShotsMissing` for too few heights or nothing fitted, `ShotsInvalid` for values that are none or
-    joints that lead to no assembly, `ValueError` for points that place no frame.
+    `ShotsMissing` for too few heights or nothing fitted, `ShotsInvalid` for values that are no
+    numbers, or joints that lead to no assembly, `ValueError` for points that place no frame.
     """
     frame = None
     if points is not None:
