@@ -362,7 +362,8 @@ class ImplicitMechanism(Mechanism):
         rows[:, moving] = columns
         return rows
 
-    # Parts grow by their own lengths, the frame by the arms' places; the drives' share is left out.
+    # Parts grow by their own lengths, the frame by the arms' places, and a leg or the scale of a
+    # rail by where its joint stands: an offset moves as its joint does.
     @override
     def growth_columns(self, p: Array, by_p: Array, joints: Array) -> Array:
         table, whole = self.parameters, self.parameters.whole(p)
@@ -371,6 +372,10 @@ class ImplicitMechanism(Mechanism):
             names = [name for name in table.select(group=group) if name in table.of_robot]
             rows = table.places(names)
             grown[..., place] = by_p[..., rows] @ whole[rows]
+        slides = np.array([not axis.is_revolute for axis in self.joints])
+        places = self._columns["joint_offset"]
+        travel = (self.true_joints_at(p, joints) + whole[places]) * slides
+        grown[..., 0] = np.einsum("nkj,nj->nk", by_p[..., places], travel)
         return grown
 
     # Turns compare with shifts at the lever at which they move the closures as much, on average: so

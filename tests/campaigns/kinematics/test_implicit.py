@@ -331,7 +331,7 @@ class TestTables:
         assert joined[..., 2].max() == 0.0
 
     def test_parts_and_frame_grow_by_their_own_lengths(self):
-        """A hexaglide's legs are lengths, its rails' places the frame's."""
+        """A hexaglide's legs are lengths; its rails' scales grow by where their carriages stand."""
         robot = find_robot("hexaglide").robot.kinematics
         poses = poses_of(robot, "hexaglide", 3)
         joints = robot.inverse(poses).values_or_raise()
@@ -342,7 +342,23 @@ class TestTables:
         longer[table.columns["forearm"]] *= 1.0 + 1e-6
         apart = replace(robot, p=longer).forward(joints, poses).values_or_raise() - poses
         assert np.abs(grown[..., 1] * 1e-6 - apart[:, :3]).max() < 1e-8
-        assert (grown[..., 0] == 0.0).all()
+        self.compare_travel(robot, joints, poses, grown[..., 0])
+
+    def test_a_leg_of_variable_length_grows_by_all_of_it(self):
+        robot = find_robot("hexapod").robot.kinematics
+        poses = poses_of(robot, "hexapod", 3)
+        joints = robot.inverse(poses).values_or_raise()
+        by_p = robot.point_jacobian(joints, poses)
+        grown = robot.mechanism.growth_columns(robot.p, by_p, joints)
+        self.compare_travel(robot, joints, poses, grown[..., 0])
+        assert (grown[..., 1] == 0.0).all()
+
+    @staticmethod
+    def compare_travel(robot, joints, poses, grown):
+        offsets = robot.p[robot.mechanism.parameters.columns["joint_offset"]]
+        farther = joints + 1e-6 * (joints + offsets)
+        apart = robot.forward(farther, poses).values_or_raise() - poses
+        assert np.abs(grown * 1e-6 - apart[:, :3]).max() < 1e-8
 
 
 def test_turns_of_mechanisms_of_one_turn_are_about_z():
