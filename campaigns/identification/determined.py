@@ -62,7 +62,7 @@ class Determined:
     @property
     def unit(self) -> str:
         """Unit of σ."""
-        return "mm" if self.name == "position" else "deg"
+        return UNITS[self.name]
 
     @property
     def is_determined(self) -> bool:
@@ -154,7 +154,8 @@ def quantity_findings(
 
     `rotation_deg` is the acceptance limit of the tool's rotation; None if there is none.
     """
-    for name in {*ON_PLANE} & {*wanted} - {quantity.name for quantity in determined}:
+    stated = {quantity.name for quantity in determined}
+    for name in [name for name in ON_PLANE if name in wanted and name not in stated]:
         says = f"{name}: no heights of a plane were measured, at which it could be stated"
         yield Finding(NOT_DETERMINED, says, "not decided")
     for quantity in determined:

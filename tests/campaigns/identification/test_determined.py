@@ -119,3 +119,13 @@ def test_rotation_of_a_platform_that_does_not_turn_is_refused():
     campaign = rod_campaign("delta", SMALL, shots=20, pairs=4, seed=1)
     with pytest.raises(OptionsInvalid, match="the platform of a delta does not turn"):
         identify(campaign.shots, campaign.robot, options={"quantities": ("rotation",)})
+
+
+def test_quantities_on_a_plane_are_in_mm_and_missing_ones_come_in_one_order():
+    units = {
+        name: Determined(name, 1.0, 1.0, 1.0, 0.0, is_tested=True).unit
+        for name in ("flat", "xy", "position", "rotation")
+    }
+    assert units == {"flat": "mm", "xy": "mm", "position": "mm", "rotation": "deg"}
+    missing = quantity_findings([], ("xy", "rotation", "flat"), None)
+    assert [finding.says.partition(":")[0] for finding in missing] == ["flat", "xy"]
