@@ -156,25 +156,33 @@ class Step(Effect):
         return self.covers(observations.moment)[:, None, None] * self.by_unknowns
 
 
-# A random walk less its mean is Σ z_k √2 cos(kπt) / (kπ) with z_k ~ N(0, 1) (Karhunen-Loève). Four
-# modes hold 87 % of its variance; what is faster is scatter or a step.
-@dataclass(frozen=True, slots=True)
-class Walk(Effect):
-    """Slow motion of the tracker's stand, or of the robot's base, during a session."""
+class StandMotion(Effect):
+    """Motion of the tracker's stand, or of the robot's base: shots cannot distinguish the two.
 
-    session: int
-    """Number of the session's frame."""
+    All have one name, so that their sizes are one, and proposals hold all of them.
+    """
+
     source: ClassVar[str] = "stand"
 
     @property
     def name(self) -> str:
-        """The same name in all sessions, since their sizes are one."""
+        """The same name in all sessions, and since a former result."""
         return "stand"
 
     @property
     def moves(self) -> Moved:
         """The frame."""
         return "frame"
+
+
+# A random walk less its mean is Σ z_k √2 cos(kπt) / (kπ) with z_k ~ N(0, 1) (Karhunen-Loève). Four
+# modes hold 87 % of its variance; what is faster is scatter or a step.
+@dataclass(frozen=True, slots=True)
+class Walk(StandMotion):
+    """Slow motion of the tracker's stand, or of the robot's base, during a session."""
+
+    session: int
+    """Number of the session's frame."""
 
     @property
     def count(self) -> int:
@@ -202,21 +210,10 @@ class Walk(Effect):
 # Its size is learned with a half-Cauchy prior, whose tail is long: a bump of millimetres frees the
 # frame from the former one.
 @dataclass(frozen=True, slots=True)
-class StandSince(Effect):
+class StandSince(StandMotion):
     """Motion of the tracker's stand, or of the robot's base, since a former result."""
 
     smallest_size: ClassVar[float] = 1.0
-    source: ClassVar[str] = "stand"
-
-    @property
-    def name(self) -> str:
-        """The name of slow motions in sessions: proposals hold both."""
-        return "stand"
-
-    @property
-    def moves(self) -> Moved:
-        """The frame."""
-        return "frame"
 
     @property
     def count(self) -> int:

@@ -156,13 +156,6 @@ def away_from_best_line(points_mm: Array) -> Array:
     return np.asarray(centred - np.outer(centred @ direction, direction))
 
 
-def farthest_apart(points_mm: Array) -> tuple[int, int]:
-    """Return the rows of the two points between which the distance is largest."""
-    distances = np.linalg.norm(points_mm[:, None] - points_mm[None], axis=2)
-    first, second = np.unravel_index(int(np.argmax(distances)), distances.shape)
-    return int(first), int(second)
-
-
 def fitted_frame(from_mm: Array, to_mm: Array) -> Transform | None:
     """Return the rigid transform that brings points best to others (eqs. 22-25).
 

@@ -9,7 +9,7 @@ and the projection S = 1 - Z (Z'DZ)⁻¹ Z'D an S-transformation (Baarda 1973).
 
 Second, positions are of interest up to a motion of the frame, for the robot's base is where its
 users define it. Derivatives of positions lose the part that a frame explains (`without_frame`);
-with what remains, B, the variances of coordinates are the diagonal of B C B' (`position_std_mm`).
+with what remains, B, the variances of coordinates are the diagonal of B C B' (`length_std`).
 `budget` splits their mean square into shares of the noise and of each prior.
 """
 
@@ -186,9 +186,14 @@ def without_axes(by: Array, tool_axes: Array) -> Array:
     return without_motions(by, np.concatenate([base, tool_axes], axis=2))
 
 
-def position_std_mm(by: Array, covariance: Array) -> Array:
-    """Return 1 σ of positions, √tr(B C B') with derivatives B (M, 3, P), (M,)."""
-    return length_std(by, covariance)
+def free_turns_deg(model: ErrorModel, x: Array, joints: Array, poses: Array) -> Array:
+    """Return the tool's turn by unknowns at joints (N, n) and poses (N, t), (N, 3, P), deg.
+
+    `x` (P,) are the unknowns there. Turns of the base's and of the tool's axes are removed.
+    """
+    observations = Observations.unmeasured(joints, poses)
+    turns = np.degrees(model.turns_by_unknowns(x, observations, poses))
+    return without_axes(turns, model.nominal.mechanism.tool_axes(poses))
 
 
 def length_std(by: Array, covariance: Array) -> Array:
@@ -206,7 +211,7 @@ def budget(fit: Fit, by: Array) -> Mapping[str, float]:
     """Return the mean squares (mm²) that each source gives to positions with derivatives `by`.
 
     `by` (M, 3, P) are by all unknowns but frames, with the frame's motion removed. The shares add
-    up exactly to the mean square of `position_std_mm`.
+    up exactly to the mean square of `length_std`.
     """
     model, size, points = fit.model, fit.model.size, len(by)
     rows = by.reshape(-1, size)

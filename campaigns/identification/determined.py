@@ -22,7 +22,7 @@ from campaigns.evaluation.decision import COVERAGE, decide
 from campaigns.fit.error_model import Observations, frame_columns
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.fit import Fit
-from campaigns.fit.uncertainty import budget, length_std, without_axes, without_motions
+from campaigns.fit.uncertainty import budget, free_turns_deg, length_std, without_motions
 from campaigns.identification.findings import NOT_DETERMINED, NOT_TESTED, TOO_UNCERTAIN, Finding
 from campaigns.identification.options import QuantityWord
 from campaigns.kinematics.model import Kinematics
@@ -141,9 +141,7 @@ def rotation_determined(
     """
     if len(identified.mechanism.task) == 3:
         return
-    observations = Observations.unmeasured(joints, poses)
-    by = np.degrees(fit.model.turns_by_unknowns(fit.at.x, observations, poses))
-    by = without_axes(by, identified.mechanism.tool_axes(poses))
+    by = free_turns_deg(fit.model, fit.at.x, joints, poses)
     yield determined_by("rotation", fit, by, ratio, is_tested=is_tested)
 
 

@@ -21,7 +21,6 @@ from campaigns.fit.uncertainty import (
     SIZES,
     budget,
     length_std,
-    position_std_mm,
     unseen_covariances,
     without_axes,
     without_frame,
@@ -99,7 +98,7 @@ def uncertainty_of_positions(
     by_joint2 = (by_first_joint(axes, robot.by_moves["joints"]) ** 2).sum(axis=(1, 2))
     repeats = repeating * (3.0 * point**2 + joint**2 * by_joint2)
     by_sample = without_frame(robot.by[:count], positions[:count])
-    of_sample = position_std_mm(by_sample, covariance)
+    of_sample = length_std(by_sample, covariance)
     followed = ratio * np.sqrt(of_sample**2 + between_shots[:count] + repeats[:count])
     # What no parameter describes is an error of all who use the parameters alone. `correct` follows
     # layers, but no periods beyond the one of each joint in robot files.
@@ -111,7 +110,7 @@ def uncertainty_of_positions(
         np.hypot(followed, ratio * np.linalg.norm(moved, axis=(1, 2)))
         for moved in (beyond, periods)
     )
-    of_all = position_std_mm(without_frame(robot.by, positions), covariance)
+    of_all = length_std(without_frame(robot.by, positions), covariance)
     of_both = np.sqrt(of_all**2 + between_shots + repeats)
     region = Region.of(sample, of_both[:count], of_both[count:], identified.mechanism.task)
     rms = float(np.sqrt((std**2).mean()))
@@ -163,7 +162,7 @@ def std_of_positions(
     table = robot.mechanism.parameters
     places = table.places(covariance.names)
     by = robot.point_jacobian(joints, both)[..., places] * table.file_unit[places]
-    std = position_std_mm(without_frame(by, robot.points(both)), covariance.array)
+    std = length_std(without_frame(by, robot.points(both)), covariance.array)
     return covariance.hold_out_ratio * std[: len(poses)]
 
 

@@ -14,7 +14,7 @@ from campaigns.errors import PlanInvalid
 from campaigns.fit.effects import Walk
 from campaigns.fit.events import explain
 from campaigns.fit.fit import Fit, integrate_sizes
-from campaigns.fit.uncertainty import null_directions, position_std_mm
+from campaigns.fit.uncertainty import length_std, null_directions
 from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Outcome
@@ -109,11 +109,11 @@ class UncertaintyMonitor:
         """
         if posterior is None:
             return None
-        std = position_std_mm(self._judged, posterior.model_covariance)
-        name, length_std = self._worst_length(posterior)
+        std = length_std(self._judged, posterior.model_covariance)
+        name, largest_std = self._worst_length(posterior)
         scatter, _ = posterior.scatter
         count = int(posterior.kept.sum())
-        return PositionUncertainty(count, name, length_std, float(std.mean()), scatter)
+        return PositionUncertainty(count, name, largest_std, float(std.mean()), scatter)
 
     def _worst_length(self, posterior: Fit) -> tuple[str, float]:
         """Return the length with the largest uncertainty, and its 1 σ in mm."""

@@ -27,12 +27,11 @@ from campaigns.fit.error_model import ErrorModel, Observations, Prediction
 from campaigns.fit.rigid_transforms import Transform
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.fit.uncertainty import (
+    free_turns_deg,
     length_std,
     marginal_information,
     null_directions_of,
-    position_std_mm,
     shot_information,
-    without_axes,
     without_frame,
 )
 from campaigns.kinematics.model import Kinematics
@@ -117,7 +116,7 @@ def forecast(
         shots=len(rows),
         std=_std_by_name(model, null.transform_covariance(covariance[:size, :size])),
         units=dict(zip(model.parameters, model.units, strict=False)),
-        position_std_mm=position_std_mm(judged, covariance[:size, :size]),
+        position_std_mm=length_std(judged, covariance[:size, :size]),
         from_below=tuple(positive_approach_shares(joints, joints[0], identify).tolist()),
         freedom=3.0 * len(rows) - len(prior) + float((covariance * prior).sum()),
         rotation_std_deg=None if turns is None else length_std(turns, covariance[:size, :size]),
@@ -175,9 +174,7 @@ def judged_both(
     positions = judged_at(model, kinematics, joints, poses)
     if len(kinematics.mechanism.task) == len(AXES):
         return positions, None
-    observations = Observations.unmeasured(joints, poses)
-    turns = np.degrees(model.turns_by_unknowns(np.zeros(model.size), observations, poses))
-    return positions, without_axes(turns, kinematics.mechanism.tool_axes(poses))
+    return positions, free_turns_deg(model, np.zeros(model.size), joints, poses)
 
 
 def _judged_poses(robot: RobotModel, otherwise: Array) -> tuple[Array, Array]:

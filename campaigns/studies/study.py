@@ -28,7 +28,7 @@ from campaigns.fit.events import explain
 from campaigns.fit.fit import Fit, integrate_sizes
 from campaigns.fit.rigid_transforms import Transform, fit_transform
 from campaigns.fit.tracker_noise import point_covariance_mm2
-from campaigns.fit.uncertainty import null_directions, position_std_mm
+from campaigns.fit.uncertainty import length_std, null_directions
 from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.kinematics.model import Kinematics, NoSolution
@@ -194,7 +194,7 @@ def _position_errors_mm(setup: StudySetup, posterior: Fit, true: Kinematics) -> 
     points, real_points = identified.points(modelled), true.points(real)
     placed = fit_transform(points, real_points).apply(points)
     by_parameters = judged_at(posterior.model, identified, joints, modelled)
-    std = position_std_mm(by_parameters, posterior.model_covariance)
+    std = length_std(by_parameters, posterior.model_covariance)
     real_mm = float(np.sqrt(((real_points - placed) ** 2).sum(axis=1).mean()))
     return real_mm, float(np.sqrt((std**2).mean()))
 

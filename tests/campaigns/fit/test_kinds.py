@@ -20,7 +20,7 @@ from campaigns.fit.kinds import (
     differentiate,
 )
 from campaigns.fit.predicted_rows import predict_block
-from campaigns.fit.uncertainty import budget, null_directions, position_std_mm, without_frame
+from campaigns.fit.uncertainty import budget, length_std, null_directions, without_frame
 
 MIDDLE = FRAME.translation_mm
 SLOTS = {
@@ -229,7 +229,7 @@ def test_points_are_equal_to_reflectors_at_a_known_place(halves):
         budget(points, by), rel=1e-6
     )
     covariance = same.covariance[: same.model.size, : same.model.size]
-    total = (position_std_mm(wide, covariance) ** 2).mean()
+    total = (length_std(wide, covariance) ** 2).mean()
     assert sum(shares.values()) == pytest.approx(total, rel=1e-9)
 
 
@@ -325,5 +325,5 @@ def test_heights_help_points():
         by = fit.model.robot_at(fit.at.x, poses, poses.near)
         size = fit.model.size
         by = without_frame(by.by, by.assembly.points)
-        stds.append(position_std_mm(by, fit.covariance[:size, :size]).mean())
+        stds.append(length_std(by, fit.covariance[:size, :size]).mean())
     assert stds[1] < 0.95 * stds[0]

@@ -78,7 +78,7 @@ def test_sigma_of_positions_is_the_trace_of_their_covariance():
     by = np.random.default_rng(6).normal(size=(7, 3, 2))
     covariance = np.array([[2.0, 0.5], [0.5, 1.0]])
     expected = [np.trace(rows @ covariance @ rows.T) ** 0.5 for rows in by]
-    assert uncertainty.position_std_mm(by, covariance) == pytest.approx(expected)
+    assert uncertainty.length_std(by, covariance) == pytest.approx(expected)
 
 
 def position_columns(fit, count=9):
@@ -132,7 +132,7 @@ def test_shares_of_the_budget_add_up_with_weights_effects_spread_and_a_former_re
         fit = replace(fit, spread=0.01 * np.eye(size + 6))
     by = position_columns(fit)
     shares = uncertainty.budget(fit, by)
-    std = uncertainty.position_std_mm(by, fit.covariance[:size, :size])
+    std = uncertainty.length_std(by, fit.covariance[:size, :size])
     assert sum(shares.values()) == pytest.approx((std**2).mean(), rel=1e-6)
     sources = {"stated", "points", "joints", "lag", "stand"}
     sources |= {"former"} if with_former else {"offsets", "axes", "sag", "scale"}
@@ -151,7 +151,7 @@ def test_each_share_is_what_its_source_gives():
 
     def share(middle):
         covariance = (fit.inverse @ middle @ fit.inverse)[:size, :size]
-        return (uncertainty.position_std_mm(by, covariance) ** 2).mean()
+        return (uncertainty.length_std(by, covariance) ** 2).mean()
 
     for part in ("stated", "points", "joints"):
         noise = fit.factors[part] * fit.noise[part]
@@ -216,7 +216,7 @@ def test_the_budget_of_a_robot_adds_up_with_what_its_sizes_may_be(posterior):
     fit = integrate_sizes(posterior)
     by = position_columns(fit)
     shares = uncertainty.budget(fit, by)
-    std = uncertainty.position_std_mm(by, fit.model_covariance)
+    std = uncertainty.length_std(by, fit.model_covariance)
     assert sum(shares.values()) == pytest.approx((std**2).mean(), rel=1e-6)
     assert shares["sizes"] > 0.0
 

@@ -14,7 +14,7 @@ from campaigns.fit.error_model import ErrorModel, Observations
 from campaigns.fit.fit import Prior, fit_model
 from campaigns.fit.rigid_transforms import Transform
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
-from campaigns.fit.uncertainty import position_std_mm
+from campaigns.fit.uncertainty import length_std
 from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.transmission import approach_along
 from campaigns.planning import plans
@@ -84,7 +84,7 @@ def test_what_a_plan_predicts_is_what_a_fit_of_its_shots_states(plan, fitted) ->
     joints = robot.inverse(poses)
     judged = judged_at(MODEL, robot, joints.values[joints.is_solved], poses[joints.is_solved])
     size = len(MODEL.names)
-    stated = position_std_mm(judged, fitted.covariance[:size, :size])
+    stated = length_std(judged, fitted.covariance[:size, :size])
     assert mean_mm(foreseen(plan)) == pytest.approx(stated.mean(), rel=0.1)
 
 
