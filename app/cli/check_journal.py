@@ -14,7 +14,7 @@ from campaigns.campaign import Campaign
 from campaigns.errors import JournalFailed, OptionsInvalid, VerdictBad
 from campaigns.files.text_file import read_text
 from campaigns.journal.journal import JournalReader
-from campaigns.journal.verification import Inspection, Problem, inspect_journal, require_whole
+from campaigns.journal.verification import Inspection, Problem, inspect_journal
 from drivers.bounded_files import CSV_BYTES
 
 HEAD_CHARACTERS = 2000
@@ -49,10 +49,9 @@ def command(terminal: Terminal, campaign: Campaign, *, page: Page = None) -> Non
     for problem in inspection.problems:
         terminal.say(f"! {problem.problem}", BAD)
     # A broken journal ends with the exit code of its error, but a program still gets the document:
-    # the error carries it, and `run_command` prints it. Opening the journal may find a problem that
-    # the inspection did not, such as a journal of another campaign.
+    # the error carries it, and `run_command` prints it. Opening the journal finds each problem of
+    # the inspection again, and a journal of another campaign.
     try:
-        require_whole(campaign.journal_path, inspection.problems)
         with campaign.journal_reader() as journal:
             if page is not None:
                 require_page_of(journal, page)

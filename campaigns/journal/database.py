@@ -4,7 +4,8 @@ One table holds all records, one row a record, and only grows. The rules are in 
 CHECKs, unique indexes and triggers, so that another program (a viewer, a script, an older version)
 cannot break them by accident. They refuse to change, remove or replace a record, to use a number
 twice, to end an attempt that was never begun or has ended, and to write into a series that has not
-begun.
+begun. Programs that rebuild tables drop the rules without a word: `odd_rules` finds that out at
+each opening, and `first_refused` plays the records through the rules once more.
 
 Every write goes into SQLite's write-ahead log (WAL) and, with `synchronous = FULL`, is on the disk
 when the commit returns: a kill or a power cut leaves all records up to the last one that was
@@ -16,7 +17,7 @@ Version 1 had no digests. It is read as it is, and upgraded when it is opened to
 
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -42,7 +43,7 @@ _REMEDIES: Mapping[int, str] = {
     sqlite3.SQLITE_READONLY: _RIGHTS,
     sqlite3.SQLITE_PERM: _RIGHTS,
     sqlite3.SQLITE_CANTOPEN: "check that the folder exists and that this user may write it",
-    sqlite3.SQLITE_NOTADB: "name the campaign's own campaign.db, or bring it back from a backup",
+    sqlite3.SQLITE_NOTADB: FROM_BACKUP,
     sqlite3.SQLITE_CORRUPT: FROM_BACKUP,
     sqlite3.SQLITE_CONSTRAINT: f"nothing was written; {_AGAIN}",
 }
@@ -277,9 +278,7 @@ def _require_ours(connection: sqlite3.Connection, path: Path) -> None:
     # journal, and this program would misread a newer version's records.
     version = version_of(connection)
     if _pragma(connection, "application_id") != APPLICATION_ID or version < 1:
-        raise JournalFailed(
-            f"{path}: not a journal of pkmcal", remedy="name the campaign's own campaign.db"
-        )
+        raise JournalFailed(f"{path}: not a journal of pkmcal", remedy=FROM_BACKUP)
     if version > VERSION:
         raise JournalFailed(
             f"{path}: made by a newer pkmcal (version {version}, known here: {VERSION})",
@@ -336,6 +335,44 @@ def transaction(connection: sqlite3.Connection, kind: Literal["READ", "WRITE"]) 
     connection.execute("BEGIN IMMEDIATE" if kind == "WRITE" else "BEGIN")
     with connection:  # commits, or rolls back
         yield
+
+
+def odd_rules(connection: sqlite3.Connection) -> list[str]:
+    """Return the names of tables, indexes and triggers that are not as its version was made.
+
+    They are missing, were changed, or are triggers of somebody else. Further tables, views and
+    indexes, such as viewers make, are none of ours and change no record.
+    """
+    is_chained = version_of(connection) >= CHAINED_SINCE
+    with closing(sqlite3.connect(":memory:")) as model:
+        for statement in (_RECORD_TABLE, *_RULES, *((_DIGESTS, *_CHAIN) if is_chained else ())):
+            model.execute(statement)
+        wanted = _schema(model)
+    present = _schema(connection)
+    foreign = [name for kind, name in present if kind == "trigger" and (kind, name) not in wanted]
+    return [key[1] for key, sql in wanted.items() if present.get(key) != sql] + foreign
+
+
+def _schema(connection: sqlite3.Connection) -> dict[tuple[str, str], str]:
+    """Return the statements that made a database, by kind and name; spaces do not count."""
+    query = "SELECT type, name, sql FROM sqlite_master WHERE sql IS NOT NULL"
+    return {(kind, name): " ".join(sql.split()) for kind, name, sql in connection.execute(query)}
+
+
+def first_refused(records: Iterable[StoredRecord]) -> tuple[int, str] | None:
+    """Return the number of the first record that the rules refuse, and why; None: they take all.
+
+    A forger computes the digests again and puts the rules back; these records never passed them.
+    """
+    with closing(sqlite3.connect(":memory:", isolation_level=None)) as replay:
+        for statement in (_RECORD_TABLE, _DIGESTS, *_RULES, "BEGIN"):
+            replay.execute(statement)
+        for record in records:
+            try:
+                insert(replay, record)
+            except sqlite3.Error as error:
+                return record.number, str(error)
+    return None
 
 
 def stated_end(connection: sqlite3.Connection) -> tuple[int, str]:

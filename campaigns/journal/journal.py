@@ -14,7 +14,7 @@ what a lost or damaged file is rescued from: into a copy beside the journal, nev
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from sqlite3 import Connection
 from typing import Self, TypeVar
@@ -38,6 +38,7 @@ from campaigns.journal.verification import (
     last_digest,
     require_whole,
     verify,
+    verify_chain,
 )
 from campaigns.journal.views import AcceptedShot, Entry, Series
 
@@ -158,13 +159,20 @@ class JournalReader:
         return number <= self.last_number() and self.digest(through=number) == digest
 
     def _read_further(self) -> None:
-        """Read the records that another process has written since.
+        """Read the records that another process has written since, and verify their chain.
 
-        They are taken as they are, not verified again: SQLite's triggers have refused any change of
-        the records before, and the next opening verifies the whole chain.
+        The records before are not read again: the next opening verifies all of them.
         """
         with database.sqlite_errors_explained(self._path, "the journal cannot be read"):
-            self._stored += database.records_after(self._connection, len(self._stored))
+            # One moment for the records and the stated end, unless a commit is open already.
+            is_open = self._connection.in_transaction
+            with nullcontext() if is_open else database.transaction(self._connection, "READ"):
+                further = [*database.records_after(self._connection, len(self._stored))]
+                stated = database.stated_end(self._connection)
+        if further:
+            chain = verify_chain(further, *stated, before=self._stored)
+            require_whole(self._path, chain.problems, chain.records)
+            self._stored = chain.records
 
 
 def open_journal(

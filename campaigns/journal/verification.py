@@ -1,4 +1,4 @@
-"""Verification of a journal: SQLite's pages and indexes, and the chain of its records.
+"""Verification of a journal: SQLite's pages and indexes, its rules, and the chain of its records.
 
 SQLite's own integrity check finds pages and indexes that a bad disk or a cut file has broken, but
 takes any well-formed row. The chain finds rows that are not what was written: the digest of a
@@ -8,6 +8,9 @@ in itself: therefore the file states number and digest of its last record in a t
 
 Version 1 stored no digests. Upgrading adds none to its records; they are computed here as if they
 had been stored, and the first stored digest that follows covers those records, too.
+
+The rules of the file have to be those that it was made with, and the records such as the rules
+take: whatever reads them may rely on that each outcome has its intent, and each series its start.
 
 The chain has no key. It shows accidents and edits, not a forger who computes all digests again; the
 digests that exported files and results name show those.
@@ -41,7 +44,7 @@ class JournalDamaged(JournalFailed):
     """Error of a damaged journal; `verified` are the records before the damage."""
 
     def __init__(self, problem: str, verified: Sequence[StoredRecord] = ()) -> None:
-        kept = f"`pkmcal run` keeps the {len(verified)} records that verify in a copy; or "
+        kept = f"`pkmcal identify DIR` keeps the {len(verified)} records that verify in a copy; or "
         super().__init__(problem, remedy=f"{kept if verified else ''}{FROM_BACKUP}")
         self.verified = verified
 
@@ -69,18 +72,24 @@ def digest_after(before: str, record: StoredRecord) -> str:
 
 
 def verify_chain(
-    stored: Iterable[StoredRecord], stated_number: int, stated_digest: str
+    stored: Iterable[StoredRecord],
+    stated_number: int,
+    stated_digest: str,
+    before: Sequence[StoredRecord] = (),
 ) -> Verification:
     """Verify the chain of stored records, which come in their order.
 
     `stated_number` and `stated_digest` are those of the last record with a digest, as the file
-    states them beside the records; 0 and "" for a file without digests.
+    states them beside the records; 0 and "" for a file without digests. `before`: records that were
+    verified earlier, which these records follow; the result has both.
     """
     # The first record that does not follow the one before ends the chain, for no digest after it
     # can be trusted. The end is compared with the stated one: earlier if records are missing, later
     # (or with another digest) if a program added or changed a record without the triggers.
-    records: list[StoredRecord] = []
-    sealed = 0  # number of the last record with a digest: it covers all before it
+    records = [*before]
+    # Number of the last record with a digest: it covers all before it. What was verified earlier is
+    # covered, too, unless the file is of version 1 and still has no digests.
+    sealed = len(records) if stated_number else 0
     for record in stored:
         linked = _link(record, records, sealed)
         if isinstance(linked, Problem):
@@ -134,23 +143,44 @@ def verify(connection: sqlite3.Connection, path: Path) -> Verification:
     """
     stored, stated = list[StoredRecord](), (0, "")
     explained = database.sqlite_errors_explained(path, "the journal cannot be read")
+    odd = list[str]()
     # In one transaction: records and stated end have to be of one moment, or a run that writes
     # meanwhile looks like damage.
     with explained, database.transaction(connection, "READ"):
         damage = {connection.execute("PRAGMA integrity_check(1)").fetchone()[0]} - {"ok"}
         try:
+            odd += database.odd_rules(connection)
             # `extend` keeps the rows that came before SQLite met a broken page.
             stored.extend(database.records_after(connection, 0))
             stated = database.stated_end(connection)
         except sqlite3.DatabaseError as error:
-            if database.primary_code(error) != sqlite3.SQLITE_CORRUPT:
+            if database.primary_code(error) == sqlite3.SQLITE_CORRUPT:
+                damage.add(str(error))
+            elif not odd:  # else a table is missing or has other columns, which `odd` says
                 raise
-            damage.add(str(error))
     chain = verify_chain(stored, *stated)
-    # The chain's problems come first: they name a record, SQLite's only a page.
-    broken = [Problem(f"the file is damaged: {' '.join(text.split())}") for text in sorted(damage)]
+    records, refused = chain.records, database.first_refused(chain.records)
+    # Missing rules come first, for they may be the cause of all else; then the chain's problems,
+    # which name a record; SQLite's name only a page.
+    problems = [_rules_problem(odd)] if odd else []
+    if refused is not None:
+        number, why = refused
+        records = records[: number - 1]
+        problems.append(Problem(f"record {number} is none that the journal takes: {why}", number))
+    problems += chain.problems
+    problems += [
+        Problem(f"the file is damaged: {' '.join(text.split())}") for text in sorted(damage)
+    ]
     chained = sum(record.digest is not None for record in stored)
-    return Verification(chain.records, (*chain.problems, *broken), chained)
+    return Verification(records, tuple(problems), chained)
+
+
+def _rules_problem(odd: Sequence[str]) -> Problem:
+    more = f" and {len(odd) - 1} more" if odd[1:] else ""
+    return Problem(
+        f"of its tables and rules, {odd[0]}{more} are not as they were made: another program has "
+        "rebuilt or changed the file"
+    )
 
 
 def is_whole(path: Path, number: int, digest: str) -> bool:
@@ -211,8 +241,9 @@ def inspect_journal(path: Path) -> Inspection:
     for record in verified.records:
         try:
             entries.append(entry_of(record))
-        except ValueError as error:
+        except ValueError as error:  # later records may rest on this one
             problems.append(Problem(str(error), record.number))
+            break
     series_in_order = all_series(entries)
     return Inspection(
         path=path,

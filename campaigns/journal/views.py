@@ -32,6 +32,10 @@ def entry_of(stored: StoredRecord) -> Entry[records.Record]:
         record = records.from_text(stored.kind, stored.body)
     except ValueError as error:
         raise ValueError(f"record {stored.number} cannot be read: {error}") from error
+    # The file's rules compare the columns, and `all_series` the bodies: both have to agree.
+    for column, value in (("shot", stored.shot), ("attempt", stored.attempt)):
+        if getattr(record, column, None) != value:
+            raise ValueError(f"record {stored.number} cannot be read: {column} is not {value}")
     return Entry(stored.number, stored.at_utc, stored.series, record)
 
 
@@ -96,7 +100,7 @@ def _make_series(number: int, entries: Sequence[Entry[records.Record]]) -> Serie
     # replaces the shot's outcome before, a voiding removes it, and the outcome after that counts
     # again.
     first = entries[0]
-    assert isinstance(first.record, records.SeriesStarted), "the file takes no other first record"
+    assert isinstance(first.record, records.SeriesStarted), "verified by the file's rules"
     intents: dict[tuple[int, int], records.Intent] = {}
     accepted: dict[int, AcceptedShot] = {}
     sessions, stops, finished = 0, 0, False
@@ -111,7 +115,7 @@ def _make_series(number: int, entries: Sequence[Entry[records.Record]]) -> Serie
             case records.Intent() as intent:
                 intents[intent.shot, intent.attempt] = intent
             case records.Outcome() as outcome:
-                intent = intents[outcome.shot, outcome.attempt]  # a trigger has demanded it
+                intent = intents[outcome.shot, outcome.attempt]  # a rule demands it
                 accepted[outcome.shot] = AcceptedShot(
                     intent, outcome, entry.at_utc, entry.number, sessions
                 )

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from journal_story import SESSION, beginning, intent, outcome, ticking
+from tampering import add_by_hand
 
 from campaigns.errors import CampaignLocked, JournalFailed
 from campaigns.files.lock import NO_LOCKS, campaign_lock
@@ -80,9 +81,7 @@ def test_a_record_that_somebody_wrote_by_hand_is_named_when_it_cannot_be_read(
     journal: Journal, path: Path
 ) -> None:
     journal.start_series(beginning())
-    with closing(sqlite3.connect(path)) as other:
-        other.execute("INSERT INTO record VALUES (NULL, '', 'event', 1, NULL, NULL, '{}', 'd')")
-        other.commit()
+    add_by_hand(path, "event", "{}")
     with pytest.raises(JournalFailed, match="record 2 cannot be read: event: kind: Field required"):
         journal.records()
 
