@@ -10,7 +10,8 @@ After a failed write no further record is written: a journal with a gap would lo
 SQLite goes on writing through its open file even if that file was deleted or replaced, and its
 records would vanish with it. So the files are compared before and after each record, and the run
 ends with `prove`, which reads everything again through a new connection. The records in memory are
-what a lost or damaged file is rescued from: into a copy beside the journal, never over it.
+what a lost or damaged file is rescued from, whatever failed: into a copy beside the journal, never
+over it.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,6 +26,7 @@ from campaigns.journal import records as kinds
 from campaigns.journal.database import StoredRecord
 from campaigns.journal.journal_files import (
     FROM_BACKUP,
+    FilesChanged,
     close_untouched,
     file_states,
     next_rescued_copy,
@@ -34,7 +36,7 @@ from campaigns.journal.journal_files import (
 from campaigns.journal.verification import (
     JournalDamaged,
     digest_after,
-    is_whole,
+    has_all,
     last_digest,
     require_whole,
     verify,
@@ -213,7 +215,7 @@ class Journal(JournalReader):
     ) -> None:
         self._now_utc = now_utc
         self._waits_for_disk = waits_for_disk
-        self._failed = self._in_commit = False
+        self._failed = self._in_commit = self._is_rescued = False
         super().__init__(path, database.connect_to_write(path))
 
     def _open(self, connection: Connection) -> None:
@@ -238,7 +240,7 @@ class Journal(JournalReader):
                 f"{self._path}: a record could not be written before, so none is written any more",
                 remedy="see the first error; start the command again, it resumes",
             )
-        try:
+        with self._rescued_on_failure():
             if self._in_commit:
                 self._insert(record, series)
             else:
@@ -248,10 +250,30 @@ class Journal(JournalReader):
                 # After: the file may have gone while the record was written, and this notes how
                 # long the files are now, for the next comparison.
                 self._require_same_files()
-        except JournalFailed:
-            self._failed = True
-            raise
         return len(self._stored)
+
+    @contextmanager
+    def _rescued_on_failure(self) -> Iterator[None]:
+        """Write no further record once the block fails, and keep the records in memory.
+
+        They are rescued into a copy, which the error names, unless the journal has them all.
+        """
+        try:
+            yield
+        except JournalFailed as failed:
+            self._failed = True
+            # A commit is rolled back first: then the block around it comes here.
+            if self._in_commit or self._is_rescued:
+                raise
+            last, digest = len(self._stored), last_digest(self._stored)
+            # Of exchanged files it does not count that they are whole: this process's log would
+            # still be moved into them.
+            if not isinstance(failed, FilesChanged) and has_all(self._path, last, digest):
+                raise
+            close_untouched(self._connection, self._path)
+            kept = _keep_in_copy(self._path, self._stored)
+            self._is_rescued = bool(kept)
+            raise JournalFailed(failed.problem, remedy=kept or failed.remedy) from failed
 
     @contextmanager
     def in_one_commit(self) -> Iterator[None]:
@@ -259,21 +281,21 @@ class Journal(JournalReader):
 
         For an import, whose records count only together. Raise `JournalFailed`.
         """
-        self._require_same_files()
-        before, self._in_commit = len(self._stored), True
         explained = database.sqlite_errors_explained(self._path, "the records cannot be written")
-        try:
-            with explained, database.transaction(self._connection, "WRITE"):
-                yield
-        except BaseException as error:
-            # The database has rolled back: so must the copy in memory, or the next record would be
-            # chained to one that the file does not have.
-            del self._stored[before:], self._entries[before:]
-            self._failed |= isinstance(error, JournalFailed)
-            raise
-        finally:
-            self._in_commit = False
-        self._require_same_files()
+        with self._rescued_on_failure():
+            self._require_same_files()
+            before, self._in_commit = len(self._stored), True
+            try:
+                with explained, database.transaction(self._connection, "WRITE"):
+                    yield
+            except BaseException:
+                # The database has rolled back: so must the copy in memory, or the next record would
+                # be chained to one that the file does not have.
+                del self._stored[before:], self._entries[before:]
+                raise
+            finally:
+                self._in_commit = False
+            self._require_same_files()
 
     def prove(self) -> None:
         """Close the file, open it again, and verify that all written records are in it.
@@ -283,39 +305,26 @@ class Journal(JournalReader):
         # A second connection beside the first would prove nothing: as long as the first one is
         # open, SQLite's index of the log in shared memory answers for a file that was exchanged or
         # cut.
-        self._require_same_files()
         written = self._stored
-        self.close()
-        try:
+        with self._rescued_on_failure():
+            self._require_same_files()
+            self.close()
             self._open(database.connect_to_write(self._path))
+            read, self._stored = self._stored, written
             # The chain verifies: equal last digests mean that all records are equal.
-            if last_digest(self._stored) != last_digest(written):
+            if last_digest(read) != last_digest(written):
                 raise JournalDamaged(
-                    f"{self._path}: ends with record {len(self._stored)}, and {len(written)} were "
+                    f"{self._path}: ends with record {len(read)}, and {len(written)} were "
                     "written: it is another file, or records were lost"
                 )
-        except JournalFailed as failed:
-            self._failed = True
-            kept = _keep_in_copy(self._path, written)
-            raise JournalFailed(failed.problem, remedy=kept or failed.remedy) from failed
 
     def _require_same_files(self) -> None:
-        """Raise `JournalFailed` if the files are no longer those that were opened.
-
-        The records are rescued into a copy before.
-        """
+        """Raise `FilesChanged` if the files are no longer those that were opened."""
         with database.sqlite_errors_explained(self._path, "the journal cannot be written"):
             self._connection.cursor()  # fails on a connection that is closed
-        try:
-            before, self._files = self._files, file_states(self._path)
-            last, digest = len(self._stored), last_digest(self._stored)
-            require_same(before, self._files, lambda: is_whole(self._path, last, digest))
-        except JournalFailed as changed:
-            # The log may be of another state than the database that lies there now: moving it in
-            # would mix the pages of both.
-            close_untouched(self._connection, self._path)
-            kept = _keep_in_copy(self._path, self._stored)
-            raise JournalFailed(changed.problem, remedy=kept or changed.remedy) from changed
+        before, self._files = self._files, file_states(self._path)
+        last, digest = len(self._stored), last_digest(self._stored)
+        require_same(before, self._files, lambda: has_all(self._path, last, digest))
 
     def _insert(self, record: kinds.Record, series: int | None) -> None:
         # Number and digest follow the copy in memory, not the file: if another program has added a

@@ -17,15 +17,19 @@ FROM_BACKUP = "move campaign.db and campaign.db-wal away, and bring campaign.db 
 FileStates = dict[Path, os.stat_result | None]
 
 
+class FilesChanged(JournalFailed):
+    """Error of files that others deleted, replaced or cut while this process worked with them."""
+
+
 def file_states(path: Path) -> FileStates:
     """Return the state of a journal's database and log; None for a file that is not there."""
     return {file: _state(file) for file in (path, log_of(path))}
 
 
-def require_same(before: FileStates, now: FileStates, is_whole: Callable[[], bool]) -> None:
-    """Raise `JournalFailed` if a file was deleted, replaced or cut in between.
+def require_same(before: FileStates, now: FileStates, has_all: Callable[[], bool]) -> None:
+    """Raise `FilesChanged` if a file was deleted, replaced or cut in between.
 
-    Another program's checkpoint makes a file shorter, too: then `is_whole` reads it.
+    Another program's checkpoint makes a file shorter, too: then `has_all` reads it.
     """
     # The order is from the harmless to the severe, for the remedies differ: a folder that was
     # renamed has all records, a file that was deleted or replaced has to be brought back. Times and
@@ -35,7 +39,7 @@ def require_same(before: FileStates, now: FileStates, is_whole: Callable[[], boo
         if earlier is None:  # the log is made with the first record
             continue
         if not path.parent.exists():
-            raise JournalFailed(
+            raise FilesChanged(
                 f"{path.parent}: was renamed or moved away while this process worked with it",
                 remedy="start again with the folder's new name: all records are in it",
             )
@@ -44,7 +48,7 @@ def require_same(before: FileStates, now: FileStates, is_whole: Callable[[], boo
         # Device and inode are the file itself, whatever its name.
         if (later.st_dev, later.st_ino) != (earlier.st_dev, earlier.st_ino):
             raise _change_error(path, "was replaced by another file")
-        if later.st_size < earlier.st_size and not is_whole():
+        if later.st_size < earlier.st_size and not has_all():
             raise _change_error(path, f"was cut from {earlier.st_size} to {later.st_size} bytes")
 
 
@@ -54,8 +58,8 @@ def _state(path: Path) -> os.stat_result | None:
     return None
 
 
-def _change_error(path: Path, how: str) -> JournalFailed:
-    return JournalFailed(
+def _change_error(path: Path, how: str) -> FilesChanged:
+    return FilesChanged(
         f"{path}: {how} while this process worked with it",
         remedy=f"find out which program did it; {FROM_BACKUP}",
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from journal_story import SESSION, beginning, intent, outcome, ticking
-from lost_files import FORGERIES, HARMLESS, HARMS, log_of, shorten_log
+from lost_files import FORGERIES, HARMLESS, HARMS, log_of, shorten_log, sql
 
 from campaigns.errors import JournalFailed
 from campaigns.journal.journal import Journal, open_journal, read_journal
@@ -117,11 +117,48 @@ def test_records_before_one_that_others_wrote_are_kept(journal: Journal, path: P
     told = journal.records()
     with closing(sqlite3.connect(path)) as other, other:
         other.execute(FOREIGN)
-    assert "a record is never replaced" in refused(journal).problem
-    journal.close()
-    with pytest.raises(JournalFailed, match=f"its {RECORDS} records are whole in {RESCUED}"):
-        open_journal(path, now_utc=ticking())
+    error = refused(journal)
+    assert "a record is never replaced" in error.problem
+    assert f"its {RECORDS} records are whole in {RESCUED}" in error.remedy
     assert rescued(path) == told
+
+
+MADE_UNWRITABLE = {
+    "no table": ("DROP TABLE record",),
+    "no end": ("DROP TABLE chain_end",),
+    "other columns": ("ALTER TABLE record ADD COLUMN note",),
+    "emptied": ("DROP TRIGGER a_record_is_never_removed", "DELETE FROM record"),
+}
+
+
+@pytest.mark.parametrize("statements", MADE_UNWRITABLE.values(), ids=MADE_UNWRITABLE)
+def test_records_that_the_file_lost_are_kept_when_the_next_cannot_be_written(
+    journal: Journal, path: Path, statements: tuple[str, ...]
+) -> None:
+    told = journal.records()
+    sql(*statements)(path)
+    assert f"its {RECORDS} records are whole in {RESCUED}" in refused(journal).remedy
+    assert rescued(path) == told
+
+
+def import_broken_off(journal: Journal) -> None:
+    with journal.in_one_commit():
+        journal.append(outcome(1), series=1)
+        journal._connection.execute("DROP TABLE record")
+        journal.append(intent(2), series=1)
+
+
+def test_an_import_that_cannot_be_written_keeps_the_records_before_it(
+    journal: Journal, path: Path
+) -> None:
+    told = journal.records()
+    with pytest.raises(JournalFailed) as caught:
+        import_broken_off(journal)
+    assert "no such table" in caught.value.problem
+    assert "rescued" not in caught.value.remedy
+    journal.close()
+    with read_journal(path) as reader:
+        assert reader.records() == told
 
 
 @pytest.mark.parametrize("harm", ["delete", "replace"])
