@@ -280,9 +280,10 @@ def run_command(arguments: list[str]) -> int:
             traceback.print_exception(error)
         line, code = _explain_error(error, arguments)
         details = error.details if isinstance(error, ExplainedError) else {}
+        line = _with_folder(line, arguments)
         return _print_error(line, code, details, as_json="--json" in arguments)
     if code == Exit.INTERRUPTED:  # Typer has turned Ctrl-C into this code, without a word
-        line = "interrupted → start the command again when ready"
+        line = _with_folder("interrupted → start the command again when ready", arguments)
         return _print_error(line, code, {}, as_json="--json" in arguments)
     return code if isinstance(code, int) else Exit.DONE
 
@@ -298,18 +299,30 @@ def _explain_error(error: Exception, arguments: list[str]) -> tuple[str, Exit]:
         return _usage_line(error), Exit.BAD_INPUT
     if isinstance(error, ExplainedError):
         text = f"{error}{f' ({error.page})' if error.page else ''}"
-        return _fill_in_folder(text, arguments), exit_code(error)
+        return text, exit_code(error)
     problem = f"unforeseen {type(error).__name__}: {error}"
     return f"{problem} → report it, with what `pkmcal --debug …` shows", Exit.BUG
 
 
-def _fill_in_folder(text: str, arguments: list[str]) -> str:
-    """Replace DIR in the commands of a text by the failed command's folder, but in `new DIR`."""
+def _with_folder(text: str, arguments: list[str]) -> str:
+    """Complete an error's line by what concerns the failed command's folder.
+
+    A load without an end is named, whatever failed: what the controller holds is not known.
+    DIR is replaced in the commands of the text, but not in `new DIR`.
+    """
     from drivers.bounded_files import is_file  # with the YAML reader, which no --help needs
 
-    words = (word for word in (*arguments, ".") if is_file(Path(word) / "campaign.yaml"))
-    folder = quoted(next(words, "DIR"))
-    return re.sub("(`pkmcal (?!new )[a-z-]+ )DIR", lambda match: match[1] + folder, text)
+    folders = (word for word in (*arguments, ".") if is_file(Path(word) / "campaign.yaml"))
+    folder = next(folders, None)
+    if folder is None:
+        return text
+    if is_file(journal := Path(folder) / "campaign.db"):
+        from campaigns.controllers.load_journal import unended_in
+
+        unended = unended_in(journal)
+        text = f"{text}; {unended}" if unended else text
+    place = quoted(folder)
+    return re.sub("(`pkmcal (?!new )[a-z-]+ )DIR", lambda match: match[1] + place, text)
 
 
 def _print_error(line: str, code: Exit, details: Mapping[str, object], *, as_json: bool) -> Exit:

@@ -15,12 +15,13 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
+from pathlib import Path
 
 from pydantic import JsonValue
 
 from campaigns.controllers.load import differing
-from campaigns.errors import FindingUnreadable
-from campaigns.journal.journal import Journal, JournalReader
+from campaigns.errors import FindingUnreadable, JournalFailed
+from campaigns.journal.journal import Journal, JournalReader, read_journal
 from campaigns.journal.records import Finding, read_body
 from campaigns.robots.reduced_form import FORM, ReducedForm
 
@@ -176,6 +177,19 @@ def load_history(journal: JournalReader) -> tuple[tuple[Load, ...], Load | None]
             except FindingUnreadable:
                 effective = ()  # nothing below an unreadable load can be restored safely
     return effective, unended
+
+
+def unended_in(path: Path) -> str:
+    """Describe the load without an end that the journal in a file has; "" without one.
+
+    Also "" for a journal that is missing or cannot be read: that is another error's matter.
+    """
+    try:
+        with read_journal(path) as journal:
+            _, unended = load_history(journal)
+    except (JournalFailed, FindingUnreadable):
+        return ""
+    return unended.describe(None) if unended else ""
 
 
 def read_load(body: Mapping[str, JsonValue]) -> Load:
