@@ -3,19 +3,23 @@
 import importlib
 import io
 import os
+import sys
 import threading
 from contextlib import suppress
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
 from app.console import Terminal
+from app.exits import Exit
 from app.interrupt import awaited_signal
 from app.monitor.server import LiveServer
 from app.options import Port
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid
 
+LOOK_FOR_END_S = 0.1
+"""Longest time until the server has noticed that it is to end."""
 Host = Annotated[
     str,
     typer.Option(
@@ -43,9 +47,7 @@ def command(
             f"--host {host} --port {port}: cannot serve there: {error}",
             remedy="name an address of this machine and a free port, or leave --port out",
         ) from error
-    with suppress(OSError, AttributeError):
-        os.nice(10)  # a run on the same machine comes first
-    serving = threading.Thread(target=server.serve_forever, name="server", daemon=True)
+    serving = threading.Thread(target=_serve, args=(server,), name="server", daemon=True)
     with awaited_signal() as wait, server:
         serving.start()
         terminal.say(f"live page: {server.url}")
@@ -56,6 +58,25 @@ def command(
         wait()
         server.shutdown()
         serving.join()
+    _leave()
+
+
+def _leave() -> NoReturn:
+    """End the process at once, with exit code 0: nothing is open any more but the streams."""
+    # Python would take all modules apart first: 0.3 s, and several on a machine that is busy.
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        with suppress(OSError, ValueError):  # its reader may have left
+            stream.flush()
+    os._exit(Exit.DONE)
+
+
+def _serve(server: LiveServer) -> None:
+    """Serve until the server is shut down; a run on the same machine comes first."""
+    # Linux gives each thread its own priority, which the threads that it starts inherit: the one
+    # that waits for the signal to end keeps its own.
+    with suppress(OSError, AttributeError):
+        os.nice(10)
+    server.serve_forever(poll_interval=LOOK_FOR_END_S)
 
 
 def qr_code(text: str) -> list[str]:

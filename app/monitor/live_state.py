@@ -29,13 +29,13 @@ GONE = {
 
 
 def live_state(folder: Path) -> dict[str, object]:
-    """Return the contents of the page; a campaign that cannot be read is a state, too."""
+    """Return the contents of the page of an absolute folder; one that cannot be read is grey."""
     try:
         return _state(folder)
     except (CampaignError, OSError) as error:
         return {
-            "name": folder.resolve().name,
-            "colour": "red",
+            "name": folder.name,
+            "colour": "grey",
             "state": "cannot be read",
             "detail": printable(str(error)),
         }

@@ -1,6 +1,8 @@
 """Server of the live page: the page, and its state as JSON, which the page asks for.
 
 The server only reads. Of what a visitor sends it uses the path, the token and the host's name.
+Nothing that is shown in colour is older than a few seconds: a state that could not be read again in
+time, as on a machine that has no time left, turns grey.
 """
 
 # Who may see the page. On loopback there is no token, because only this machine can connect. But a
@@ -17,10 +19,12 @@ import re
 import secrets
 import socket
 import threading
+from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from pathlib import Path
 from time import monotonic
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from typing_extensions import override
@@ -28,28 +32,48 @@ from typing_extensions import override
 from app.monitor.live_state import live_state
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
+CONNECTING = {"colour": "grey", "state": "not read yet", "detail": ""}
 _NAMES_OF_LOOPBACK = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]+)?")
 LOOK_EVERY_S = 0.5
 PAUSE_PER_LOOK = 4.0
 """Pause after a look, in multiples of its duration: the run needs the processor."""
-SLOW_READER_S = 10.0
+LONGEST_PAUSE_S = 2.0
+"""Longest pause between two looks, however long they take."""
+STALE_S = 4.0
+"""Age from which a state is grey; the page asks each second, so that it is grey within 5 s."""
+SLOW_READER_S = 3.0
 """Longest wait for a visitor's bytes."""
+MOST_VISITS = 64
+"""Visits that are answered at once, each by a thread."""
+FULL_HOUSE_S = 0.2
+"""Longest wait of a further visitor until one of them has ended; then he is sent away."""
+ICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16">'
+    '<circle cx="8" cy="8" r="7" fill="#2c6a3f"/></svg>'
+)
 
 
 class LiveServer(ThreadingHTTPServer):
     """Server of one campaign at an address; a host other than this machine asks for a token."""
 
     daemon_threads = True
+    request_queue_size = 128
+    """Visitors who wait for being accepted: browsers open several connections at once."""
 
-    def __init__(self, host: str, port: int, folder: Path) -> None:
+    def __init__(
+        self, host: str, port: int, folder: Path, clock: Callable[[], float] = monotonic
+    ) -> None:
         self.token = "" if host in LOOPBACK else secrets.token_urlsafe(16)
         self.host = host
         self.page = resources.files("app.monitor").joinpath("live.html").read_text(encoding="utf-8")
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        self._folder = folder
+        self._clock = clock
+        self._folder = folder.absolute()  # which the working directory may be, and go with it
+        self._visits = threading.BoundedSemaphore(MOST_VISITS)
         self._looking = threading.Lock()
         self._look_again_s = 0.0
-        self._text = "{}"
+        self._looked_s = clock()
+        self._state: dict[str, object] = {"name": self._folder.name, **CONNECTING}
         super().__init__((host, port), _Visit)
 
     @property
@@ -61,15 +85,43 @@ class LiveServer(ThreadingHTTPServer):
         return f"http://{host}:{self.server_address[1]}/{query}"
 
     def state_text(self) -> str:
-        """Return the state of the campaign as JSON, read again after a pause."""
-        # Many visitors share one reading: the lock lets one of them read, the others get its text.
-        with self._looking:
-            began_s = monotonic()
-            if began_s >= self._look_again_s:
-                self._text = json.dumps(live_state(self._folder), allow_nan=False)
-                pause_s = PAUSE_PER_LOOK * (monotonic() - began_s)
-                self._look_again_s = monotonic() + max(LOOK_EVERY_S, pause_s)
-            return self._text
+        """Return the state of the campaign as JSON, read again after a pause; grey if it is old."""
+        # Many visitors share one reading: the lock lets one of them read, the others get at once
+        # what was read before. Its age counts from the beginning of the reading.
+        if self._looking.acquire(blocking=False):
+            try:
+                began_s = self._clock()
+                if began_s >= self._look_again_s:
+                    self._state, self._looked_s = live_state(self._folder), began_s
+                    pause_s = PAUSE_PER_LOOK * (self._clock() - began_s)
+                    pause_s = min(max(LOOK_EVERY_S, pause_s), LONGEST_PAUSE_S)
+                    self._look_again_s = self._clock() + pause_s
+            finally:
+                self._looking.release()
+        age_s, state = self._clock() - self._looked_s, self._state
+        if age_s > STALE_S:
+            state = state | {"colour": "grey", "state": f"last read {age_s:.0f} s ago"}
+        return json.dumps(state, allow_nan=False)
+
+    @override
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread of its own; send away who comes while all of them are busy."""
+        if not self._visits.acquire(timeout=FULL_HOUSE_S):
+            self.shutdown_request(request)
+            return
+        try:
+            super().process_request(request, client_address)
+        except BaseException:  # no thread was started that would end the visit
+            self._visits.release()
+            raise
+
+    @override
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer, and let the next visitor in."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._visits.release()
 
     @override
     def handle_error(self, request: object, client_address: object) -> None:
@@ -95,12 +147,15 @@ class _Visit(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Send the page or the state to a visitor who may have it."""
         address = urlsplit(self.path)
-        if not self._is_welcome(parse_qs(address.query).get("token", [""])[0]):
+        if address.path == "/favicon.ico":  # browsers ask for it without the token
+            self._send(200, "image/svg+xml", ICON)
+        elif not self._is_welcome(parse_qs(address.query).get("token", [""])[0]):
             text = "the address that `pkmcal watch` printed has a token: use it whole\n"
             self._send(403, "text/plain", text)
         elif address.path == "/":
             nonce = secrets.token_urlsafe(16)
             allowed = f"script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'"
+            allowed += "; img-src 'self'"
             self._send(200, "text/html", self.server.page.replace("NONCE", nonce), allowed)
         elif address.path == "/state":
             self._send(200, "application/json", self.server.state_text())

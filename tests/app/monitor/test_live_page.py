@@ -2,15 +2,19 @@
 
 import http.client
 import json
+import shutil
+import socket
 import sqlite3
 import threading
-from contextlib import closing
+from contextlib import ExitStack, closing
 from datetime import datetime
+from pathlib import Path
 
 import pytest
 from paper_campaign import CENTRE, MECHANISM, new_campaign
 
 from app.monitor import live_state as module
+from app.monitor import server as server_module
 from app.monitor.live_state import live_state
 from app.monitor.server import LiveServer, own_address
 from campaigns.files.lock import Holder
@@ -86,9 +90,122 @@ def test_page_says_what_status_says_when_nothing_is_measured_and_when_nothing_ca
     with closing(sqlite3.connect(other)) as database:
         database.execute("CREATE TABLE record (x)")
     other.replace(paper.campaign.journal_path)
-    assert live_state(paper.folder)["state"] == "cannot be read"
+    shown = live_state(paper.folder)
+    assert (shown["colour"], shown["state"]) == ("grey", "cannot be read")
     (paper.folder / "campaign.yaml").unlink()
     assert "campaign.yaml" in live_state(paper.folder)["detail"]
+
+
+class Clock:
+    """Seconds that pass when the test says so."""
+
+    def __init__(self):
+        self.s = 100.0
+
+    def __call__(self):
+        return self.s
+
+
+@pytest.fixture
+def looked(tmp_path, monkeypatch):
+    """A server that nobody visits, with its clock, and how long each of its looks takes."""
+    paper = new_campaign(tmp_path / "c")
+    clock, look_s = Clock(), [0.1]
+
+    def looks(folder):
+        clock.s += look_s[0]
+        return live_state(folder)
+
+    monkeypatch.setattr(server_module, "live_state", looks)
+    with LiveServer("127.0.0.1", 0, paper.folder, clock) as server:
+        yield server, clock, look_s
+
+
+def state_of(server):
+    return json.loads(server.state_text())
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        shutil.rmtree,
+        lambda folder: folder.rename(folder.with_name("renamed")),
+        lambda folder: (folder / "campaign.yaml").unlink(),
+        lambda folder: (folder / "campaign.yaml").write_text("name: ["),
+    ],
+)
+@pytest.mark.parametrize("takes_s", [0.01, 1.0, 10.0])
+def test_a_folder_that_is_gone_or_broken_is_grey_within_5_s(looked, tmp_path, harm, takes_s):
+    server, clock, look_s = looked
+    look_s[0] = takes_s
+    state_of(server)
+    harm(tmp_path / "c")
+    clock.s += 4.0 - takes_s  # the page asks each second: at the latest now, or a second later
+    state_of(server)
+    clock.s += 1.0
+    shown = state_of(server)
+    assert shown["colour"] == "grey"
+    assert shown["state"].startswith(("cannot be read", "last read"))
+
+
+def test_a_state_that_is_not_read_again_in_time_turns_grey(looked, monkeypatch):
+    server, clock, _ = looked
+    monkeypatch.setattr(server_module, "live_state", lambda _: {"colour": "green", "state": "s"})
+    assert state_of(server) == {"colour": "green", "state": "s"}
+    with server._looking:  # by another visit
+        clock.s += 3.0
+        assert state_of(server)["colour"] == "green"
+        clock.s += 2.0
+        assert state_of(server) == {"colour": "grey", "state": "last read 5 s ago"}
+    assert state_of(server)["colour"] == "green"
+
+
+def test_a_working_directory_that_was_deleted_is_a_state_too(tmp_path, monkeypatch):
+    paper = new_campaign(tmp_path / "c")
+    monkeypatch.chdir(paper.folder)
+    with LiveServer("127.0.0.1", 0, Path()) as server:
+        assert state_of(server)["name"] == "paper"
+        shutil.rmtree(paper.folder)
+        server._look_again_s = 0.0
+        assert state_of(server) | {"detail": ""} == {
+            "name": "c",
+            "colour": "grey",
+            "state": "cannot be read",
+            "detail": "",
+        }
+
+
+def test_a_hundred_connections_at_once_are_taken(tmp_path):
+    folder = new_campaign(tmp_path / "c").folder
+    with LiveServer("127.0.0.1", 0, folder) as server, ExitStack() as links:
+        for _ in range(100):  # nothing is accepted yet
+            address = ("127.0.0.1", server.server_address[1])
+            links.enter_context(socket.create_connection(address, timeout=0.5))
+
+
+def test_more_silent_visitors_than_threads_do_not_keep_others_away(serve, monkeypatch):
+    monkeypatch.setattr(server_module, "MOST_VISITS", 3)
+    monkeypatch.setattr(server_module, "FULL_HOUSE_S", 0.01)
+    server = serve()
+    with ExitStack() as links:
+        address = ("127.0.0.1", server.server_address[1])
+        silent = [
+            links.enter_context(socket.create_connection(address, timeout=5.0)) for _ in range(8)
+        ]
+        assert silent[-1].recv(1) == b""  # sent away, while the first ones have time left
+        for visitor in silent[:3]:
+            visitor.setblocking(False)
+            with pytest.raises(BlockingIOError):
+                visitor.recv(1)
+            visitor.close()
+        monkeypatch.setattr(server_module, "FULL_HOUSE_S", 2.0)  # until their threads notice it
+        assert ask(server, "/")[0] == 200
+
+
+def test_the_icon_is_for_all(serve):
+    code, headers, icon = ask(serve("0.0.0.0"), "/favicon.ico")
+    assert (code, headers["Content-Type"].partition(";")[0]) == (200, "image/svg+xml")
+    assert icon.startswith("<svg")
 
 
 @pytest.fixture
