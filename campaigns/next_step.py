@@ -87,6 +87,8 @@ class CampaignState:
     """Whether the robot was validated before calibration."""
     measured: Literal["", "run", "import"] = ""
     """Source of the latest shots to identify from; empty: there are none."""
+    stations: bool = False
+    """Whether the latest import was measured from several stations of the tracker."""
     imported: str = "FILE"
     """Name of the file that was imported last."""
     unmeasured: Literal["", "run", "anew"] = ""
@@ -167,6 +169,7 @@ ROWS = (
     Row(lambda s: not s.measured or s.unmeasured == "run", "run {folder}"),
     Row(lambda s: s.unmeasured == "anew", "run {folder} --anew"),
     # identify, until an identification of the latest shots passes and no check contradicts it
+    Row(lambda s: s.verdict is None and s.stations, "identify {folder} --sessions"),
     Row(lambda s: s.verdict is None, "identify {folder}"),
     Row(lambda s: s.verdict != "pass", "{remedy}", "{remedy_first}"),
     Row(lambda s: s.check == "again", "check {folder}"),
@@ -284,6 +287,7 @@ def state_of(
     state = replace(
         state,
         measured="import" if is_imported else "run",
+        stations=is_imported and len({shot.session for shot in latest.shots}) > 1,
         imported=next((file.name for file in imported_files(latest.started)), "FILE"),
         unmeasured="" if is_imported else _unmeasured(evidence, latest),
     )

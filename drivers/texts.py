@@ -31,8 +31,12 @@ def printable(text: str) -> str:
     return "".join(INSTEAD if _is_hidden(sign) else sign for sign in text.translate(_AS_BLANKS))
 
 
-def quoted(word: str) -> str:
-    r"""Quote a word for the shell; one with bytes that are no UTF-8 as bash takes it, `$'\xfc'`."""
+def quoted(path: str) -> str:
+    r"""Quote a path for the shell; one with bytes that are no UTF-8 as bash takes it, `$'\xfc'`.
+
+    A name that begins with a dash would be read as an option: it gets its folder, `./`.
+    """
+    word = f"./{path}" if path.startswith("-") else path
     if word.isprintable():
         return shlex.quote(word)
     escaped = (f"\\x{byte:02x}" for byte in word.encode("utf-8", "surrogateescape"))

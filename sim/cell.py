@@ -95,9 +95,15 @@ def check_memory(memory: Mapping[str, object], *, scenario: str, kind: Kind) -> 
     """Check a memory and return it; raises `SimError` if it is damaged or another cell's."""
     try:
         past = CellMemory.model_validate_json(json.dumps(memory))
-    except (ValidationError, TypeError, ValueError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise SimError(f"the cell's memory is damaged: {reason}", remedy=REMEDY) from error
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"])) or "text"
+        raise SimError(
+            f"the cell's memory is of another version, or damaged: {where}: {first['msg'].lower()}",
+            remedy=REMEDY,
+        ) from error
+    except (TypeError, ValueError) as error:
+        raise SimError(f"the cell's memory is damaged: {error}", remedy=REMEDY) from error
     if past.scenario != scenario:
         raise SimError(
             f"the cell's memory is of scenario '{past.scenario}', not '{scenario}'", remedy=REMEDY

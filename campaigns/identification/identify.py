@@ -208,10 +208,25 @@ def _rows_in_time(shots: Shots, observations: Observations, *sets: ShotSet) -> I
 
 def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
     """Refuse shots that cannot be this robot's, each session by itself where each has a frame."""
-    # Points of two sessions do not lie in one frame, so together they would fit no robot.
-    session = shots.session if sessions else np.zeros(len(shots))
-    for number in np.unique(session).tolist():
-        check_shots(nominal, shots.rows(np.flatnonzero(session == number)), "the shots")
+    # Points of two stations of the tracker do not lie in one frame, so together they would fit no
+    # robot. If each session alone fits one, that is the cause, and no order or sign of joints.
+    numbers = np.unique(shots.session).tolist()
+    by_session = [shots.rows(np.flatnonzero(shots.session == number)) for number in numbers]
+    if sessions:
+        for rows in by_session:
+            check_shots(nominal, rows, "the shots")
+        return
+    try:
+        check_shots(nominal, shots, "the shots")
+    except ShotsInvalid:
+        if len(numbers) < 2:
+            raise
+        _check(nominal, shots, sessions=True)
+        raise ShotsInvalid(
+            f"the shots of {len(numbers)} sessions follow the joints one by one, and not together: "
+            "the tracker stood elsewhere",
+            remedy="`pkmcal identify DIR --sessions` gives each session a frame of its own",
+        ) from None
 
 
 def update(

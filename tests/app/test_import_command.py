@@ -163,5 +163,8 @@ def test_column_session_makes_stations_of_the_tracker(pkmcal, folder, tmp_path):
     assert ended.code == 0, ended.err
     assert "2 stations of the tracker by column session: identify --sessions" in ended.err
     assert [shot.session for shot in imported(folder)[-1].shots] == [1] * 6 + [2] * 6
+    assert f"next: pkmcal identify {folder} --sessions" in ended.err.splitlines()
+    refused = pkmcal("identify", folder).error_line
+    assert f"the tracker stood elsewhere → `pkmcal identify {folder} --sessions`" in refused
     one_station = write_shots(tmp_path / "one.csv", rows)
     assert pkmcal("import", folder, one_station, "--force").code == 2
