@@ -136,6 +136,15 @@ class SectionedCommand(TyperCommand):
         names = [(p.metavar or str(p.name).upper(), p.required) for p in arguments]
         return ["[OPTIONS]", *(name if required else f"[{name}]" for name, required in names)]
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse words; an option without its value is refused with the command that it is of."""
+        try:
+            return super().parse_args(ctx, args)
+        except TyperException as error:
+            if getattr(error, "ctx", ctx) is None:
+                error.ctx = ctx  # type: ignore[attr-defined] # the error of a usage has it
+            raise
+
     def format_help_text(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
         """Write what the command does, and examples."""
         write_paragraphs(formatter, self.help or "")
@@ -353,6 +362,10 @@ def _usage_line(error: TyperException) -> str:
         name = parameter.opts[-1] if parameter.opts[-1].startswith("-") else parameter.name.upper()
         details = cause.errors()[0]
         return f"{name} is '{details['input']}' → {remedy_for(details)}; {remedy}"
+    option = getattr(error, "option_name", None)
+    for parameter in context.command.params if context else ():
+        if option in parameter.opts and parameter.help:
+            return f"{problem} → {parameter.help.rstrip('.')}; {remedy}"
     return f"{problem} → {remedy}"
 
 

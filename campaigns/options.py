@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from campaigns.controllers.export import CalibrationRoute
+from campaigns.controllers.objections import ObjectionName
 from campaigns.errors import OptionsInvalid
 from campaigns.evaluation.validation import BY_DEFAULT, SET_OF
 from campaigns.identification.options import Fixed
@@ -201,7 +202,14 @@ class LoadOptions:
             default="none",
         ),
     ] = 0
-    force: Annotated[bool, Option("Load even if refused; the journal records the reasons.")] = False
+    force: Annotated[
+        tuple[ObjectionName, ...],
+        Option(
+            f"Overrule this objection; repeatable, the journal records it: "
+            f"{', '.join(ObjectionName)}.",
+            metavar="NAME",
+        ),
+    ] = ()
 
     def __post_init__(self) -> None:
         for option, is_given in (("--robot", self.file is not None), ("--verify", self.verify > 0)):

@@ -62,8 +62,8 @@ def command(
 ) -> None:
     """Put the compensated parameters into the controller.
 
-    Refuses the file of another robot or campaign, one that did not pass, and parameters too far
-    from the nominal ones. Shows the difference to the controller's present parameters, with Δ/σ,
+    Refuses, before anything is sent, the file of another robot or campaign or of an earlier
+    identification, one that did not pass, and parameters too far from the nominal ones. Shows the difference to the controller's present parameters, with Δ/σ,
     asks, keeps the old ones as controller-before-N.yaml, writes all at once, reads back and
     compares. If verification fails, the old parameters are restored. Ctrl-C acts before and after
     writing, never during it; while pairs are measured it restores the old parameters, and Ctrl-Z

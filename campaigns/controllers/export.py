@@ -4,7 +4,7 @@
 # So it states where its parameters come from, and only an identification that passed is exported,
 # for the nominal robot that it was made with: held parameters keep the values of the nominal file.
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal, Self
@@ -83,19 +83,21 @@ def latest_identification(journal: JournalReader) -> RecordedIdentification:
 
 
 def compensated_robot(
-    campaign: str,
+    issuer: Mapping[str, JsonValue],
     nominal: RobotDocument,
     identification: RecordedIdentification,
     controller: Identity | None = None,
 ) -> RobotDocument:
     """Return the nominal robot with the identified parameters, their 1 σ and their provenance.
 
-    `controller` is the one that answered when the shots were taken; None if unknown, as for an
+    `issuer` states the campaign and the identification's record (`issuer.py`). `controller` is the
+    one that answered when the shots were taken; None if unknown, as for an
     import. Raise `VerdictBad` for a result that did not pass, or that rests on another nominal
     robot.
     """
     require_usable(nominal, identification)
-    robot, provenance = nominal.robot, _provenance(campaign, nominal, identification, controller)
+    robot = nominal.robot
+    provenance = {**issuer, **_provenance(nominal, identification, controller)}
     name = f"{robot.name}-compensated"
     value = identification.value
     parameters, values = value.parameter_set(robot.mechanism), value.flat()
@@ -124,15 +126,11 @@ def require_usable(nominal: RobotDocument, identification: RecordedIdentificatio
 
 
 def _provenance(
-    campaign: str,
-    nominal: RobotDocument,
-    identification: RecordedIdentification,
-    controller: Identity | None,
+    nominal: RobotDocument, identification: RecordedIdentification, controller: Identity | None
 ) -> dict[str, JsonValue]:
     """Return the origin of the identified parameters, as the robot file states it."""
     document = identification.document()
     return {
-        "campaign": campaign,
         "software": f"pkmcal {VERSION}",
         "nominal_robot": nominal.robot.name,
         "nominal_digest": nominal.robot.digest(),

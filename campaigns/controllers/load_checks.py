@@ -1,54 +1,74 @@
 """Checks of a robot file before it is loaded: its origin, its verdict and the size of its changes.
 
-Objections are collected, so that an operator sees all of them in one line. `--force` overrules
-them, and the journal keeps those that it overruled.
+Objections are collected, so that an operator sees all of them in one line. `--force NAME` overrules
+those of one name, and the journal keeps those that were overruled.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from pydantic import JsonValue
+
+from campaigns.controllers.issuer import EXPORT, Issuer
+from campaigns.controllers.load import differing
+from campaigns.controllers.objections import Objection, ObjectionName
 from campaigns.errors import ConfigInvalid
 from campaigns.evaluation.plausibility import beyond_tolerance
 from campaigns.robots.robot import RobotFile, read_robot
 from drivers.bounded_files import is_there
 
-OWN_FILE = "take the file that `pkmcal export DIR` writes"
 
-
-def file_objections(robot: RobotFile, campaign: str, nominal: RobotFile) -> Iterator[ConfigInvalid]:
-    """Yield objections to a robot file for a campaign and its nominal robot.
+def file_objections(robot: RobotFile, issuer: Issuer, nominal: RobotFile) -> Iterator[Objection]:
+    """Yield objections to a robot file for a campaign, its issuer, and its nominal robot.
 
     The nominal set itself may always be loaded, whatever the file states.
     """
     if robot.digest() == nominal.digest():
         return
-    yield from _provenance_objections(robot, campaign, nominal)
+    yield from issuer.objections(robot)
+    yield from _basis_objections(robot.provenance or {}, nominal)
     for text in _beyond_tolerance(robot.parameters, nominal):
-        yield ConfigInvalid(text, remedy="look for the mistake in the file or in what was measured")
+        remedy = "look for the mistake in the file or in what was measured"
+        yield Objection(ObjectionName.FAR, text, remedy)
 
 
-def serial_objections(expected: object, connected: str) -> Iterator[ConfigInvalid]:
+def serial_objections(expected: object, connected: str) -> Iterator[Objection]:
     """Yield the objection to a set that was identified with another controller than the connected.
 
     There is no objection where either has no serial number.
     """
     if expected and connected and expected != connected:
-        yield ConfigInvalid(
+        yield Objection(
+            ObjectionName.SERIAL,
             f"it is for the controller of serial number {expected}, connected is {connected}",
-            remedy="connect the right controller, or identify this robot",
+            "connect the right controller, or identify this robot",
         )
 
 
-def held_objections(held: Mapping[str, float], nominal: RobotFile) -> Iterator[ConfigInvalid]:
+def held_objections(held: Mapping[str, float], nominal: RobotFile) -> Iterator[Objection]:
     """Yield objections to the parameters in the controller, which the load would back up.
 
     Values far from nominal may come from a wrong robot or a damaged memory, and a rollback would
     restore them.
     """
     for text in _beyond_tolerance(held, nominal):
-        yield ConfigInvalid(
+        yield Objection(
+            ObjectionName.HELD,
             f"what the controller holds is far from nominal: {text}",
-            remedy="check the controller: the load would keep this as its old parameters",
+            "check the controller: the load would keep this as its old parameters",
+        )
+
+
+def backup_objections(robot: RobotFile, replaced: Mapping[str, float]) -> Iterator[Objection]:
+    """Yield the objection to a backup that does not hold what the journal says was replaced.
+
+    `replaced` are the parameters in the journal's record; empty if it has none.
+    """
+    if replaced and differing(replaced, robot.parameters):
+        yield Objection(
+            ObjectionName.IDENTITY,
+            "it does not hold what the journal says the load replaced: another file has its name",
+            "bring the file back that the load made, or put the record's values into it",
         )
 
 
@@ -61,14 +81,22 @@ def _beyond_tolerance(values: Mapping[str, float], nominal: RobotFile) -> Iterat
     yield from beyond_tolerance(old.table, nominal.tolerance, changes)
 
 
-def refuse(source: Path, objections: Sequence[ConfigInvalid]) -> None:
-    """Raise `ConfigInvalid` with all objections in one line, if there are any."""
-    if objections:
-        problems = "; ".join(each.problem for each in objections)
+def overruled(
+    source: Path, objections: Sequence[Objection], force: Collection[ObjectionName]
+) -> tuple[Objection, ...]:
+    """Return the objections to a file if all are overruled by their names, else raise.
+
+    Raise `ConfigInvalid` with all that are not in one line, and with the names to overrule them.
+    """
+    standing = [each for each in objections if each.name not in force]
+    if standing:
+        problems = "; ".join(each.problem for each in standing)
+        words = " ".join(f"--force {name}" for name in dict.fromkeys(e.name for e in standing))
         raise ConfigInvalid(
             f"{source}: not loaded: {problems}",
-            remedy=f"{objections[0].remedy}; --force loads it all the same",
+            remedy=f"{standing[0].remedy}; `{words}` loads it all the same",
         )
+    return tuple(objections)
 
 
 def read_parameter_file(path: Path, folder: Path, nominal: RobotFile) -> RobotFile:
@@ -89,32 +117,23 @@ def require_same_mechanism(source: Path, robot: RobotFile, nominal: RobotFile) -
         raise ConfigInvalid(
             f"{source}: it is of a {robot.mechanism.name}, this campaign's robot is a "
             f"{nominal.mechanism.name}",
-            remedy=OWN_FILE,
+            remedy=EXPORT,
         )
 
 
-def _provenance_objections(
-    robot: RobotFile, campaign: str, nominal: RobotFile
-) -> Iterator[ConfigInvalid]:
-    """Yield objections to the origin that a robot file states."""
-    stated = robot.provenance
-    if not stated:
-        yield ConfigInvalid("it does not say where its parameters come from", remedy=OWN_FILE)
-        return
-    if stated.get("campaign") != campaign:
-        yield ConfigInvalid(
-            f"it is of the campaign '{stated.get('campaign')}', this one is '{campaign}'",
-            remedy=OWN_FILE,
-        )
-    if stated.get("nominal_digest") != nominal.digest():
-        yield ConfigInvalid(
+def _basis_objections(stated: Mapping[str, JsonValue], nominal: RobotFile) -> Iterator[Objection]:
+    """Yield objections to nominal robot and verdict, as far as a robot file states its origin."""
+    if stated and stated.get("nominal_digest") != nominal.digest():
+        yield Objection(
+            ObjectionName.NOMINAL,
             f"it rests on another nominal robot ({stated.get('nominal_robot')}, sha256 "
             f"{str(stated.get('nominal_digest'))[:16]}…) than this campaign's ({nominal.name}, "
             f"sha256 {nominal.digest()[:16]}…)",
-            remedy=OWN_FILE,
+            EXPORT,
         )
-    if stated.get("verdict") != "pass":
-        yield ConfigInvalid(
+    if stated and stated.get("verdict") != "pass":
+        yield Objection(
+            ObjectionName.VERDICT,
             f"its identification's verdict is '{stated.get('verdict')}', must be 'pass'",
-            remedy="measure more or correct the campaign, then identify and export again",
+            "measure more or correct the campaign, then identify and export again",
         )

@@ -203,6 +203,12 @@ def record_undone(journal: Journal, load: Load, digest: str) -> None:
     journal.append(Finding("load", body | {"rolls_back": load.number}))
 
 
+def replaced_by(journal: JournalReader, load: Load) -> Mapping[str, float]:
+    """Return the parameters that a load replaced, by name, mm and deg; empty in old journals."""
+    begun = (each for each in journal.findings("load begun") if each.number == load.begun)
+    return next((read_load(each.record.body).held for each in begun), {})
+
+
 def _after(effective: tuple[Load, ...], load: Load) -> tuple[Load, ...]:
     """Return the loads in effect after one more load, which may have taken others back."""
     if load.rolls_back is not None:

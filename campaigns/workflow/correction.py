@@ -17,7 +17,7 @@ from campaigns.robots.robot import RobotFile
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 from campaigns.shots.turn_forms import TurnForm
-from campaigns.workflow.exporting import identified_robot, recorded
+from campaigns.workflow.exporting import identified_robot, issuer_of, recorded
 from campaigns.workflow.work import known_sets
 from drivers.bounded_files import CSV_BYTES
 
@@ -62,7 +62,7 @@ def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
         return identified_robot(campaign).robot
     path = path or campaign.path(FILE_NAME)
     robot = read_parameter_file(path, campaign.folder, campaign.robot)
-    objections = tuple(file_objections(robot, campaign.config.name, campaign.robot))
+    objections = tuple(file_objections(robot, issuer_of(campaign), campaign.robot))
     if objections:
         problems = "; ".join(each.problem for each in objections)
         raise ConfigInvalid(

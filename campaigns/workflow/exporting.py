@@ -26,10 +26,12 @@ from campaigns.controllers.export import (
     latest_identification,
     written_sets,
 )
+from campaigns.controllers.issuer import Issuer
 from campaigns.controllers.projection import position_errors, project_plain
 from campaigns.errors import IdentificationRefused, VerdictBad
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.identification.result import PositionStd
+from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding
 from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import Parameters
@@ -51,6 +53,7 @@ def identified_robot(campaign: Campaign) -> RobotDocument:
         identification = latest_identification(journal)
         number = identification.provenance.series
         measured = next((s for s in journal.series() if s.number == number), None)
+        issuer = issuer_of(campaign, journal)
     if outdated := campaign.outdated(identification):
         raise VerdictBad(
             f"{', '.join(outdated)} in campaign.yaml changed since the identification, which rests "
@@ -58,7 +61,19 @@ def identified_robot(campaign: Campaign) -> RobotDocument:
             remedy="identify again, or write it as it was",
         )
     controller = measured.started.robot if measured else None
-    return compensated_robot(campaign.config.name, campaign.nominal, identification, controller)
+    return compensated_robot(issuer.stated(), campaign.nominal, identification, controller)
+
+
+def issuer_of(campaign: Campaign, journal: JournalReader | None = None) -> Issuer:
+    """Return the campaign as the issuer of its files, by its journal, which is read if not given.
+
+    Raise `JournalFailed` for a journal that cannot be read.
+    """
+    config, mechanism = campaign.config, campaign.robot.mechanism
+    if journal is None and campaign.journal_path.exists():
+        with campaign.journal_reader() as reader:
+            return Issuer.of(config.name, config.identity, reader, mechanism)
+    return Issuer.of(config.name, config.identity, journal, mechanism)
 
 
 def export(

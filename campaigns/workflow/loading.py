@@ -31,8 +31,10 @@ from campaigns.controllers.load_journal import (
     Load,
     load_history,
     record_undone,
+    replaced_by,
     standing_loads,
 )
+from campaigns.controllers.objections import Objection
 from campaigns.evaluation.decision import FigureChange
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evaluation.verdict import compare_distances, lost_beyond
@@ -47,7 +49,7 @@ from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.workflow import validation
-from campaigns.workflow.exporting import plain_form
+from campaigns.workflow.exporting import issuer_of, plain_form
 from drivers.errors import Cancelled, DeviceRefused, DriverError, RobotStateUnknown
 from drivers.ports import RobotController
 from drivers.values import Identity
@@ -125,8 +127,8 @@ class _Wanted:
 
     source: Path
     robot: RobotFile
-    objections: tuple[errors.ConfigInvalid, ...] = ()
-    """Objections that `force` overrules."""
+    objections: tuple[Objection, ...] = ()
+    """Objections that `force` overrules by their names."""
     takes_back: int | None = None
     """Record number of the load that is rolled back; None for a load."""
 
@@ -165,8 +167,19 @@ def load(
     options, terms = options or LoadOptions(), terms or LoadTerms()
     if options.rollback and not campaign.journal_path.exists():
         raise _nothing_to_take_back(campaign)
+    with campaign.held():  # no identification may come after the file was judged
+        return _load_held(campaign, connection, options, terms)
+
+
+def _load_held(
+    campaign: Campaign,
+    connection: AbstractContextManager[RobotController | Cell],
+    options: LoadOptions,
+    terms: LoadTerms,
+) -> LoadResult:
+    """Load or roll back in a campaign that is held; raise as `load` does."""
     wanted = None if options.rollback else _read_wanted(campaign, options)
-    with campaign.journal() as journal:
+    with campaign.opened_journal() as journal:
         if wanted is None and load_history(journal) == ((), None):
             raise _nothing_to_take_back(campaign)
         with connection as devices:
@@ -195,10 +208,8 @@ def _read_wanted(campaign: Campaign, options: LoadOptions) -> _Wanted:
     """Read the file to load, with the objections to it; raise `ConfigInvalid` without force."""
     source = options.file or campaign.path(FILE_NAME)
     robot = load_checks.read_parameter_file(source, campaign.folder, campaign.robot)
-    objections = tuple(load_checks.file_objections(robot, campaign.config.name, campaign.robot))
-    if not options.force:
-        load_checks.refuse(source, objections)
-    return _Wanted(source, robot, objections)
+    objections = tuple(load_checks.file_objections(robot, issuer_of(campaign), campaign.robot))
+    return _Wanted(source, robot, load_checks.overruled(source, objections, options.force))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -233,6 +244,8 @@ class _Loading:
         source = self.campaign.path(latest.kept)
         robot = read_robot(source).robot
         load_checks.require_same_mechanism(source, robot, self.campaign.robot)
+        objections = tuple(load_checks.backup_objections(robot, replaced_by(self.journal, latest)))
+        load_checks.overruled(source, objections, self.options.force)
         backup = f"what the controller held before the load of {latest.source}"
         if not differing(held, robot.for_controller):
             self.terms.tell(f"{backup} ({latest.at_utc}) was put back already by other means")
@@ -241,8 +254,7 @@ class _Loading:
                 record_undone(self.journal, latest, robot.digest())
             return LoadResult(source, "already", state=self._state(held))
         self.terms.tell(f"puts back {source.name}: {backup} ({latest.at_utc})")
-        wanted = _Wanted(source, robot, takes_back=latest.number)
-        # no objections to the file itself: it is the program's own backup
+        wanted = _Wanted(source, robot, objections, takes_back=latest.number)
         checked = self._check_controller(wanted, held, latest.controller_serial)
         return self._carry_out(checked, held)
 
@@ -279,14 +291,13 @@ class _Loading:
             *load_checks.serial_objections(expected_serial, serial),
             *load_checks.held_objections(held, self.campaign.robot),
         )
-        if not self.options.force:
-            load_checks.refuse(wanted.source, objections)
-        return replace(wanted, objections=(*wanted.objections, *objections))
+        overruled = load_checks.overruled(wanted.source, objections, self.options.force)
+        return replace(wanted, objections=(*wanted.objections, *overruled))
 
     def _carry_out(self, wanted: _Wanted, held: dict[str, float]) -> LoadResult:
         """Approve, verify, back up and write; the order is that of the module's head."""
         robot, source = wanted.robot, wanted.source
-        forced = tuple(objection.problem for objection in wanted.objections)
+        forced = tuple(objection.says for objection in wanted.objections)
         for problem in forced:
             self.terms.tell(f"overruled by --force: {problem}")
         parameters, controller = robot.for_controller, self.controller.identity()

@@ -38,7 +38,7 @@ def load(folder, *options):
 def test_controller_that_does_not_know_a_name_gets_nothing_even_by_force(capsys, folder):
     before = held(folder)
     capsys.readouterr()
-    assert load(folder, "--force") == 2
+    assert load(folder, "--force", "origin") == 2
     said = capsys.readouterr()
     assert "arm1.axis_tilt_deg is 0.02" in said.err
     assert f"`pkmcal export {folder} --format plain`" in said.err
@@ -53,7 +53,7 @@ def test_controller_without_terms_of_gears_is_told_what_a_plain_set_loses(capsys
     path = folder / "geared.yaml"
     write_new_robot(path, compensated(nominal, "geared", nominal.robot.parameters | gears))
     capsys.readouterr()
-    assert load(folder, "--force", "--robot", str(path)) == 2
+    assert load(folder, "--force", "origin", "--robot", str(path)) == 2
     said = capsys.readouterr().err
     assert f"`pkmcal export {folder} --format plain` writes the nearest set" in said
     (lost_mm,) = re.findall(r"which loses (\S+) mm on average", said)
@@ -65,7 +65,7 @@ def test_controller_that_computes_plate_tilt_gets_all_and_gives_it_up_again(fold
     change(folder / "cell.yaml", {"controller.computes_plate_tilt": True})
     nominal = dict(open_campaign(folder).robot.parameters)
     assert held(folder) == nominal
-    assert load(folder, "--force") == 0
+    assert load(folder, "--force", "origin") == 0
     assert held(folder) == nominal | EXTENSIONS
     assert load(folder, "--rollback") == 0
     assert held(folder) == nominal

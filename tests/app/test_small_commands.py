@@ -53,7 +53,7 @@ def test_new_offline_leads_to_a_plan_and_what_needs_devices_says_what_to_do_inst
         ("run", folder, "--dry"),
         ("devices", folder),
         ("validate", folder, "--stage", "before"),
-        ("load", folder, "--robot", folder / "robot.yaml", "--force"),
+        ("load", folder, "--robot", folder / "robot.yaml"),
     ):
         refused = pkmcal(*words)
         assert refused.code == 2, words

@@ -85,6 +85,10 @@ def by_targets(person, made):
     return person.types("correct", person.folder, "--poses", pose)
 
 
+OVERRULED = ("--force", "identity", "--force", "nominal")
+"""Words to load another campaign's file."""
+
+
 def elsewhere(person, robot, scenario, made, tmp_path):
     """Shots measured with other software: the first campaign's run, and pairs after its load."""
     other = Person(person._pkmcal, person.folder.with_name("elsewhere"))
@@ -96,7 +100,7 @@ def elsewhere(person, robot, scenario, made, tmp_path):
     words, _ = other.follows(taken, until=lambda words: words[0] == "import")
     assert words[-3:] == ["after.txt", "--stage", "after"]
     file = other.folder / "robot-compensated.yaml"
-    person.types("load", person.folder, "--robot", file, "--force")
+    person.types("load", person.folder, "--robot", file, *OVERRULED)
     person.types("validate", person.folder, "--stage", "after", "--force")
     campaign, after = open_campaign(person.folder), tmp_path / "after.csv"
     mechanism = campaign.robot.mechanism

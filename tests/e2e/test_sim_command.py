@@ -7,6 +7,7 @@ import pytest
 from command_line import change, ended, started
 
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
+OVERRULED = ("--force", "origin", "--force", "far-from-nominal")
 PACE = {"settle.time_s": 0.001, "controller.speed_percent": 100.0}
 
 
@@ -48,7 +49,7 @@ def test_a_campaign_on_a_served_cell(served, pkmcal, cell_file, tmp_path):
     measured = pkmcal("run", folder, "--yes", "--json").document
     assert (measured["series"], measured["shots"]) == (1, 10)
     assert pkmcal("new", tmp_path / "other", "--robot", "par4-table1").code == 0
-    load = ("load", folder, "--robot", tmp_path / "other" / "robot.yaml", "--yes", "--force")
+    load = ("load", folder, "--robot", tmp_path / "other" / "robot.yaml", "--yes", *OVERRULED)
     assert "loaded and verified" in pkmcal(*load).out
     assert not (folder / "cell-memory.json").exists(), "the cell remembers by itself"
     process.send_signal(signal.SIGTERM)

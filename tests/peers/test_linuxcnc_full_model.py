@@ -25,7 +25,7 @@ def load_although_refused(pkmcal, identified):
     path = pkmcal.folder / "standard.yaml"
     path.unlink(missing_ok=True)
     write_new_robot(path, compensated(nominal, "standard", flat))
-    pkmcal.load("--robot", str(path), "--force")
+    pkmcal.load("--robot", str(path), "--force", "origin")
 
 
 def errors_mm(pkmcal, stage):

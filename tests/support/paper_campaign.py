@@ -27,6 +27,7 @@ from campaigns.settings.config import CampaignConfig, write_new_campaign
 from campaigns.settings.sections import AcceptanceConfig, ControllerConfig, TrackerConfig
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
+from campaigns.workflow.exporting import issuer_of
 from campaigns.workflow.work import known_sets
 from drivers.values import Identity, Weather
 
@@ -148,7 +149,8 @@ class PaperCampaign:
         """Put the identified parameters into the controller."""
         with self.journal() as journal:
             finding = latest_identification(journal)
-            robot = compensated_robot("paper", NOMINAL, finding)
+            issuer = issuer_of(self.campaign, journal).stated()
+            robot = compensated_robot(issuer, NOMINAL, finding)
             write_new_robot(self.folder / "robot-compensated.yaml", robot)
             self.controller = robot.robot.kinematics
             body = {"source": "robot-compensated.yaml", "digest": robot.robot.digest(), "kept": "k"}

@@ -33,7 +33,7 @@ def with_parameters(
 
 def exported(identification: RecordedIdentification) -> RobotFile:
     """The exported file, read back."""
-    document = compensated_robot("press 4", NOMINAL, identification).document
+    document = compensated_robot({"campaign": "press 4"}, NOMINAL, identification).document
     return parse_robot(document.text, "out.yaml").robot
 
 
@@ -55,7 +55,7 @@ def test_tilts_gear_errors_and_the_nominal_robots_ripple_rate_are_exported(ident
         nominal = with_ripples_per_turn(NOMINAL, rate)
         further = with_parameters(identification, names, 0.02)
         geared = with_fields(further, robot_digest=nominal.robot.digest())
-        robot = compensated_robot("press 4", nominal, geared).robot
+        robot = compensated_robot({"campaign": "press 4"}, nominal, geared).robot
         for name in names:
             assert robot.parameters[name] == 0.02
             assert robot.parameters.std[name] == pytest.approx(0.002)
@@ -75,7 +75,7 @@ def test_expansions_are_stated_with_the_temperature_of_the_parameters(identifica
 @pytest.mark.parametrize(("serial", "stated"), [("R-1", "R-1"), ("", None)])
 def test_provenance_says_where_everything_comes_from(identification, serial, stated) -> None:
     controller = replace(CONTROLLER, serial=serial)
-    robot = compensated_robot("press 4", NOMINAL, identification, controller).robot
+    robot = compensated_robot({"campaign": "press 4"}, NOMINAL, identification, controller).robot
     document = identification.document()
     copied = ("plan_digest", "journal_digest", "journal_records", "model", "shots", "verdict")
     assert robot.provenance == {
@@ -96,9 +96,9 @@ def test_result_that_did_not_pass_or_is_of_another_nominal_robot_is_not_exported
         identification, verdict="not decided", reasons=("pairs worse", "rank lost")
     )
     with pytest.raises(errors.VerdictBad, match="'not decided': pairs worse; rank lost"):
-        compensated_robot("press 4", NOMINAL, failed)
+        compensated_robot({"campaign": "press 4"}, NOMINAL, failed)
     with pytest.raises(errors.VerdictBad, match="rests on another nominal robot"):
-        compensated_robot("press 4", find_robot("par4-table1"), identification)
+        compensated_robot({"campaign": "press 4"}, find_robot("par4-table1"), identification)
 
 
 def test_latest_identification_counts_also_where_it_cannot_be_read(

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from par4_space import with_values
 
+from campaigns.controllers.issuer import Issuer
 from campaigns.controllers.load_checks import (
     file_objections,
     held_objections,
@@ -14,6 +15,7 @@ from campaigns.controllers.load_checks import (
 from campaigns.errors import ConfigInvalid
 from campaigns.robots.robot import RobotFile, find_robot, read_robot
 from campaigns.robots.schema import Tolerance
+from campaigns.workflow.exporting import issuer_of
 
 
 @pytest.fixture(scope="module")
@@ -26,8 +28,13 @@ def exported(exported_once) -> RobotFile:
     return read_robot(exported_once.folder / "robot-compensated.yaml").robot
 
 
-def reasons(robot: RobotFile, nominal: RobotFile) -> list[str]:
-    return [objection.problem for objection in file_objections(robot, "paper", nominal)]
+@pytest.fixture(scope="module")
+def issuer(exported_once) -> Issuer:
+    return issuer_of(exported_once.campaign)
+
+
+def reasons(robot: RobotFile, issuer: Issuer, nominal: RobotFile) -> list[str]:
+    return [objection.problem for objection in file_objections(robot, issuer, nominal)]
 
 
 @pytest.mark.parametrize(
@@ -39,14 +46,15 @@ def reasons(robot: RobotFile, nominal: RobotFile) -> list[str]:
         (None, "it does not say where its parameters come from"),
     ],
 )
-def test_file_of_another_origin_is_objected_to(exported, nominal, stated, reason) -> None:
+def test_file_of_another_origin_is_objected_to(exported, issuer, nominal, stated, reason) -> None:
     provenance = stated and exported.provenance | stated
-    (objection,) = reasons(replace(exported, provenance=provenance), nominal)
+    (objection,) = reasons(replace(exported, provenance=provenance), issuer, nominal)
     assert reason in objection
 
 
-def test_exported_and_nominal_set_are_welcome(exported, nominal) -> None:
-    assert reasons(exported, nominal) == reasons(nominal, nominal) == []
+def test_exported_and_nominal_set_are_welcome(exported, issuer, nominal) -> None:
+    assert reasons(exported, issuer, nominal) == reasons(nominal, issuer, nominal) == []
+    assert reasons(nominal, Issuer("paper", "nobody"), nominal) == []
 
 
 @pytest.mark.parametrize(
@@ -56,12 +64,18 @@ def test_exported_and_nominal_set_are_welcome(exported, nominal) -> None:
         ("arm1.joint_offset_deg", 45.0, "arm1.joint_offset_deg changed by +45°, tolerance ± 5°"),
     ],
 )
-def test_change_beyond_the_tolerance_is_objected_to(exported, nominal, name, value, reason) -> None:
-    assert reasons(with_values(exported, {name: value}), nominal) == [reason]
+def test_change_beyond_the_tolerance_is_objected_to(
+    exported, issuer, nominal, name, value, reason
+) -> None:
+    changed = with_values(exported, {name: value})
+    other = "this campaign has identified and exported other parameters than the file's"
+    assert reasons(changed, issuer, nominal) == [other, reason]
+    known = replace(issuer, sets=frozenset({changed.digest()}), latest=changed.digest())
+    assert reasons(changed, known, nominal) == [reason]
     (held,) = held_objections(nominal.parameters | {name: value}, nominal)
     assert held.problem == f"what the controller holds is far from nominal: {reason}"
     strict = replace(nominal, tolerance=Tolerance(length_mm=0.5, angle_deg=5.0))
-    assert any("tolerance ± 0.5 mm" in reason for reason in reasons(exported, strict))
+    assert any("tolerance ± 0.5 mm" in reason for reason in reasons(exported, issuer, strict))
 
 
 def test_rates_of_ripples_have_no_tolerance(nominal) -> None:

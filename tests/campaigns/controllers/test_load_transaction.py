@@ -16,6 +16,7 @@ from virtual_time import StopWish, VirtualClock
 from campaigns import errors
 from campaigns.campaign import Campaign
 from campaigns.controllers.load_journal import load_history
+from campaigns.controllers.objections import ObjectionName
 from campaigns.journal.records import Finding
 from campaigns.measuring.work import Cell
 from campaigns.options import LoadOptions
@@ -28,6 +29,8 @@ from drivers.errors import DeviceRefused, RobotStateUnknown
 from drivers.values import Pose
 
 EXPORTED = "robot-compensated.yaml"
+CHANGED = (ObjectionName.IDENTITY,)
+"""Overrules that a set was changed by hand, and is none that the journal holds."""
 
 
 @pytest.fixture
@@ -47,7 +50,7 @@ def loaded(
     controller: Controller,
     source: Path | None = None,
     *,
-    force: bool = False,
+    force: tuple[ObjectionName, ...] = (),
     **terms: object,
 ) -> LoadResult:
     options = LoadOptions(file=source, force=force)
@@ -95,10 +98,18 @@ def test_wrong_file_is_refused_with_all_reasons_and_force_keeps_them(campaign: C
         loaded(campaign, controller, source)
     assert (controller.held, controller.writes, findings(campaign)) == (OLD, 0, [])
     told: list[str] = []
-    assert loaded(campaign, controller, source, force=True, tell=told.append).outcome == "loaded"
+    most = (ObjectionName.IDENTITY, ObjectionName.VERDICT, ObjectionName.FAR)
+    with pytest.raises(errors.ConfigInvalid, match=r"R-2, connected is R-1 .*`--force serial`"):
+        loaded(campaign, controller, source, force=most)
+    assert (controller.held, controller.writes, findings(campaign)) == (OLD, 0, [])
+    every = (*most, ObjectionName.SERIAL)
+    assert loaded(campaign, controller, source, force=every, tell=told.append).outcome == "loaded"
     (_, begun), (kind, body) = findings(campaign)
-    assert (kind, len(body["forced"])) == ("load", 3)
-    assert "is for the controller of serial number R-2, connected is R-1" in body["forced"][-1]
+    assert (kind, len(body["forced"])) == ("load", 4)
+    assert (
+        "serial: it is for the controller of serial number R-2, connected is R-1"
+        in body["forced"][-1]
+    )
     assert body["forced"] == begun["forced"]
     assert [text.removeprefix("overruled by --force: ") for text in told] == body["forced"]
 
@@ -189,10 +200,10 @@ def test_rollback_walks_back_through_the_loads_that_took_effect(campaign: Campai
     controller, told = Controller(), []
     loaded(campaign, controller)
     second = changed(campaign, {"plate_mm": 101.0})
-    loaded(campaign, controller, second)
+    loaded(campaign, controller, second, force=CHANGED)
     controller.next_write = "refuse"
     with pytest.raises(DeviceRefused):  # keeps a file, and takes no effect
-        loaded(campaign, controller, changed(campaign, {"plate_mm": 102.0}))
+        loaded(campaign, controller, changed(campaign, {"plate_mm": 102.0}), force=CHANGED)
     rolled_back(campaign, controller, tell=told.append)
     assert controller.held == new
     assert "puts back controller-before-2.yaml: " in told[0]
@@ -210,7 +221,7 @@ def test_what_others_put_back_is_said_and_the_load_before_comes_next(
 ) -> None:
     controller, told = Controller(), []
     loaded(campaign, controller)
-    loaded(campaign, controller, changed(campaign, {"plate_mm": 101.0}))
+    loaded(campaign, controller, changed(campaign, {"plate_mm": 101.0}), force=CHANGED)
     controller.held = new
     assert rolled_back(campaign, controller, tell=told.append).outcome == "already"
     assert "was put back already by other means" in told[0]
@@ -270,7 +281,7 @@ def cell() -> Cell:
 def verified(
     campaign: Campaign, cell: Cell, pairs: int = 2, source: Path | None = None, **terms: object
 ) -> LoadResult:
-    options = LoadOptions(file=source, verify=pairs)
+    options = LoadOptions(file=source, verify=pairs, force=CHANGED if source else ())
     return load(campaign, nullcontext(cell), options, LoadTerms(**terms))
 
 
