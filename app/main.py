@@ -74,6 +74,7 @@ COMMANDS = {
         "check_journal",
         "Check whether the journal is intact, and show its contents.",
     ),
+    "trust": ("trust", "Let the program of a mechanism run, once you have read it."),
 }
 """Module in `app.cli`, imported when it is named, and first line of its help, by name."""
 FIRST_COMMANDS = 12

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from app.console import WARNING, Terminal
-from campaigns.campaign import Campaign
+from campaigns.campaign import Campaign, CampaignFolder
 from campaigns.controllers.controller_state import ControllerState
 from campaigns.errors import CampaignError
 from campaigns.evidence import Evaluation, evaluate
@@ -11,7 +11,7 @@ from campaigns.files.lock import lock_holder
 from campaigns.next_step import NextStep, next_step, state_of
 
 
-def tell_who_works(terminal: Terminal, campaign: Campaign) -> None:
+def tell_who_works(terminal: Terminal, campaign: CampaignFolder) -> None:
     """Note which other process works on the campaign, whose files may change at any moment."""
     held_by = lock_holder(campaign.folder)
     if held_by is not None:

@@ -16,14 +16,16 @@ from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 import typer
 
 from app.console import Terminal
-from campaigns.campaign import Campaign, open_campaign
+from campaigns.campaign import Campaign, CampaignFolder, open_campaign, open_folder
 from campaigns.errors import OptionsInvalid
 from campaigns.files.wording import shown
 from campaigns.kinematics.axes import Axis
+from campaigns.robots.program import ProgramUntrusted, trust
 from campaigns.settings.option import Option
 from campaigns.shots.turn_forms import TurnForm, foreign_columns, has_unknown_turns
 from drivers.values import Vector3
 
+MAY_RUN = "{problem}. Did you read it, and may it run, now and later?"
 QUESTION = "reflector from the controlled point, measured to 3 mm, x y z mm; Enter: fit it: "
 PICTURES = (".svg", ".png", ".pdf")
 Folder = Annotated[
@@ -167,13 +169,13 @@ def as_typer_command(command: Callable[..., None]) -> Callable[..., None]:
     objects = {
         name: _options_of(kind)
         for name, kind in hints.items()
-        if is_dataclass(kind) and kind is not Campaign
+        if is_dataclass(kind) and kind not in {Campaign, CampaignFolder}
     }
     parameters: list[inspect.Parameter] = []
     for name, parameter in inspect.signature(command).parameters.items():
         if hints[name] is Terminal:
             parameters.append(_parameter("context", typer.Context))
-        elif hints[name] is Campaign:
+        elif hints[name] in {Campaign, CampaignFolder}:
             parameters.append(_parameter("folder", Folder))
         elif name in objects:
             defaults = {field.name: field.default for field in fields(hints[name])}
@@ -205,15 +207,39 @@ def as_typer_command(command: Callable[..., None]) -> Callable[..., None]:
                     if value is not None  # not typed: the dataclass has the default
                 }
             )
-        if "campaign" in hints:
-            arguments["campaign"] = open_campaign(arguments.pop("folder"))
-        command(**arguments)
+        folder = arguments.pop("folder") if "campaign" in hints else None
+
+        def work() -> None:
+            opened = {} if folder is None else {"campaign": _opened(hints["campaign"], folder)}
+            command(**arguments, **opened)
+
+        _run_trusting(work, arguments.get("terminal"))
 
     # 3. Typer reads help, annotations and signature from the function that it is given
     run_command.__doc__ = command.__doc__
     run_command.__annotations__ = {each.name: each.annotation for each in parameters}
     run_command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined] # inspect looks for it
     return run_command
+
+
+def _opened(kind: Any, folder: Path) -> CampaignFolder:
+    """Open a folder as a command's parameter is annotated: with its robot, or without."""
+    return open_campaign(folder) if kind is Campaign else open_folder(folder)
+
+
+def _run_trusting(work: Callable[[], None], terminal: Terminal | None) -> None:
+    """Run a command, again once the operator trusts the program that it needs; else raise.
+
+    A program is needed before anything is done: where its robot's file is read.
+    """
+    try:
+        work()
+    except ProgramUntrusted as error:
+        question = MAY_RUN.format(problem=error.problem)
+        if terminal is None or not terminal.asks(question):
+            raise
+        trust(error.program)
+        work()
 
 
 def _parameter(

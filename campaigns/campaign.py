@@ -69,23 +69,18 @@ def moment(utc: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Campaign:
-    """Campaign in a folder: its settings and its nominal robot.
+class CampaignFolder:
+    """Campaign's folder with its settings: what can be read without the robot's file.
+
+    A robot file may name a program, which need not run to read the journal.
 
     Attributes:
         folder: The campaign's folder.
         config: Settings of campaign.yaml.
-        nominal: Nominal robot with the text of its file.
     """
 
     folder: Path
     config: CampaignConfig
-    nominal: RobotDocument
-
-    @property
-    def robot(self) -> RobotFile:
-        """Nominal robot."""
-        return self.nominal.robot
 
     @property
     def plan_path(self) -> Path:
@@ -124,50 +119,9 @@ class Campaign:
                 f"controller by hand; `pkmcal status {self.folder}` says what is next",
             )
 
-    @property
-    def robot_identity(self) -> str:
-        """Identity of the real robot: its serial number, or else the nominal robot's name."""
-        return self.config.instruments.robot_serial or self.robot.name
-
     def path(self, name: str) -> Path:
         """Return the path of a file in the campaign's folder."""
         return self.folder / name
-
-    @property
-    def centre(self) -> Array:
-        """Pose in the middle of the workspace, (t,), mm and rad, over which detours lead."""
-        return self.robot.mechanism.home_at(self.config.validation.centre_mm)
-
-    @property
-    def view(self) -> View:
-        """View of the reflector from the tracker."""
-        tracker = self.config.tracker
-        centre_mm = self.config.validation.centre_mm
-        # unless stated otherwise, the reflector faces the tracker at the workspace's centre
-        away_mm = np.subtract(tracker.place_mm, centre_mm)
-        facing = tracker.reflector_facing or vector(away_mm)
-        return View(tracker.place_mm, facing, tracker.acceptance_rad)
-
-    @property
-    def space(self) -> RestrictedSpace:
-        """Space in which the plate may be, by `space` in campaign.yaml."""
-        robot = self.robot
-        radius_mm = platform_radius_mm(robot.mechanism, robot.kinematics.p, robot.limits)
-        return restricted_space(self.config.space, radius_mm)
-
-    @property
-    def region(self) -> FeasibleRegion:
-        """Region of poses that robot, tracker's view and restricted space allow."""
-        return region_of(self.robot, self.view, pose_of(self.centre), self.space)
-
-    def workspace_sample(self) -> Array | None:
-        """Return poses (N, t) at which every step judges positions; None if there are hardly any.
-
-        They are spread over the robot's reach, whether the tracker sees them or not: the robot
-        will work there, too.
-        """
-        robot = self.robot
-        return sample_workspace(robot.kinematics, robot.limits, self.centre, self.space)
 
     @property
     def identification_settings(self) -> dict[str, JsonValue]:
@@ -200,38 +154,6 @@ class Campaign:
         config = self.config
         speed = FULL_JOINT_SPEED_RAD_S * config.controller.speed_percent / 100.0
         return Pace(speed, config.settle.time_s, config.tracker.measuring_time_s)
-
-    def plan_request(self, shots: int | None = None) -> PlanRequest:
-        """Return the request for a plan by campaign.yaml; `shots` overrides its number of shots."""
-        plan = self.config.plan
-        centre = pose_of(self.centre)
-        return PlanRequest(
-            shots or plan.shots, plan.validation_pairs, plan.drift_shots, centre, self.space
-        )
-
-    def read_plan(self) -> tuple[PlannedShot, ...]:
-        """Return the shots of plan.csv; raise `PlanInvalid`."""
-        return read_plan(self.plan_path, self.robot.mechanism)
-
-    def checked_plan(
-        self,
-        shots: tuple[PlannedShot, ...] | None = None,
-        tell: Callable[[str], None] = lambda _: None,
-    ) -> CheckedPlan:
-        """Check a plan, by default plan.csv, for the nominal robot; raise `PlanInvalid`.
-
-        `tell` receives words on the progress.
-        """
-        names = [nest.name for nest in self.config.nests]
-        known_lengths = self.config.known_lengths
-        limits = PlanLimits(self.robot_model, self.view, self.pace, names, known_lengths)
-        return check_plan(self.read_plan() if shots is None else shots, limits, tell)
-
-    @property
-    def robot_model(self) -> RobotModel:
-        """Nominal robot in its space, by which ways are checked."""
-        robot = self.robot
-        return RobotModel(robot.kinematics, robot.limits, self.centre, self.space)
 
     @contextmanager
     def held(self) -> Iterator[None]:
@@ -356,6 +278,105 @@ class Campaign:
             f"{self.folder}: nothing has been measured yet",
             remedy="measure with `pkmcal run DIR`, or `pkmcal import DIR FILE`",
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign(CampaignFolder):
+    """Campaign in a folder: its settings and its nominal robot.
+
+    Attributes:
+        nominal: Nominal robot with the text of its file.
+    """
+
+    nominal: RobotDocument
+
+    @property
+    def robot(self) -> RobotFile:
+        """Nominal robot."""
+        return self.nominal.robot
+
+    @property
+    def robot_identity(self) -> str:
+        """Identity of the real robot: its serial number, or else the nominal robot's name."""
+        return self.config.instruments.robot_serial or self.robot.name
+
+    @property
+    def centre(self) -> Array:
+        """Pose in the middle of the workspace, (t,), mm and rad, over which detours lead."""
+        return self.robot.mechanism.home_at(self.config.validation.centre_mm)
+
+    @property
+    def view(self) -> View:
+        """View of the reflector from the tracker."""
+        tracker = self.config.tracker
+        centre_mm = self.config.validation.centre_mm
+        # unless stated otherwise, the reflector faces the tracker at the workspace's centre
+        away_mm = np.subtract(tracker.place_mm, centre_mm)
+        facing = tracker.reflector_facing or vector(away_mm)
+        return View(tracker.place_mm, facing, tracker.acceptance_rad)
+
+    @property
+    def space(self) -> RestrictedSpace:
+        """Space in which the plate may be, by `space` in campaign.yaml."""
+        robot = self.robot
+        radius_mm = platform_radius_mm(robot.mechanism, robot.kinematics.p, robot.limits)
+        return restricted_space(self.config.space, radius_mm)
+
+    @property
+    def region(self) -> FeasibleRegion:
+        """Region of poses that robot, tracker's view and restricted space allow."""
+        return region_of(self.robot, self.view, pose_of(self.centre), self.space)
+
+    def workspace_sample(self) -> Array | None:
+        """Return poses (N, t) at which every step judges positions; None if there are hardly any.
+
+        They are spread over the robot's reach, whether the tracker sees them or not: the robot
+        will work there, too.
+        """
+        robot = self.robot
+        return sample_workspace(robot.kinematics, robot.limits, self.centre, self.space)
+
+    def plan_request(self, shots: int | None = None) -> PlanRequest:
+        """Return the request for a plan by campaign.yaml; `shots` overrides its number of shots."""
+        plan = self.config.plan
+        centre = pose_of(self.centre)
+        return PlanRequest(
+            shots or plan.shots, plan.validation_pairs, plan.drift_shots, centre, self.space
+        )
+
+    def read_plan(self) -> tuple[PlannedShot, ...]:
+        """Return the shots of plan.csv; raise `PlanInvalid`."""
+        return read_plan(self.plan_path, self.robot.mechanism)
+
+    def checked_plan(
+        self,
+        shots: tuple[PlannedShot, ...] | None = None,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> CheckedPlan:
+        """Check a plan, by default plan.csv, for the nominal robot; raise `PlanInvalid`.
+
+        `tell` receives words on the progress.
+        """
+        names = [nest.name for nest in self.config.nests]
+        known_lengths = self.config.known_lengths
+        limits = PlanLimits(self.robot_model, self.view, self.pace, names, known_lengths)
+        return check_plan(self.read_plan() if shots is None else shots, limits, tell)
+
+    @property
+    def robot_model(self) -> RobotModel:
+        """Nominal robot in its space, by which ways are checked."""
+        robot = self.robot
+        return RobotModel(robot.kinematics, robot.limits, self.centre, self.space)
+
+
+def open_folder(folder: Path | str) -> CampaignFolder:
+    """Open the campaign of a folder without its robot's file, whose program need not be trusted.
+
+    Raise `ConfigInvalid` for campaign.yaml, and `JournalFailed` as `open_campaign` does.
+    """
+    opened = CampaignFolder(Path(folder), read_campaign(Path(folder)))
+    opened.require_nothing_rescued()
+    return opened
 
 
 def open_campaign(folder: Path | str) -> Campaign:

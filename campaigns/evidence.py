@@ -478,7 +478,7 @@ def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
             records=journal.last_number(),
             digest=journal.digest(),
             identified_digest=identified_digest,
-            unended_load=_unended_load(journal, unreadable).replace(
+            unended_load=unended_load(journal, unreadable).replace(
                 "DIR", quoted(str(campaign.folder))
             ),
         ),
@@ -541,7 +541,7 @@ def _latest(
     return None
 
 
-def _unended_load(journal: JournalReader, unreadable: list[str]) -> str:
+def unended_load(journal: JournalReader, unreadable: list[str]) -> str:
     """Return a sentence about a load without an end; "" if there is none."""
     try:
         _, unended = load_history(journal)

@@ -4,6 +4,7 @@ import gc
 import os
 import shutil
 import signal
+import tempfile
 import threading
 from collections.abc import Generator, Iterator
 from pathlib import Path
@@ -13,6 +14,10 @@ from hypothesis import HealthCheck, settings
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")  # before NumPy: as `app.main` does for the program
+
+# The list of trusted programs is the user's: tests have one of their own, and programs inherit it.
+_CONFIGURATION = tempfile.TemporaryDirectory(prefix="pkmcal-tests-")
+os.environ["XDG_CONFIG_HOME"] = _CONFIGURATION.name
 
 # What is started in the background ignores Ctrl-C, and so would every program that a test starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -10,7 +10,7 @@ from pydantic_core import to_jsonable_python
 
 from app.console import BAD, GOOD, Terminal
 from app.next import tell_who_works
-from campaigns.campaign import Campaign
+from campaigns.campaign import CampaignFolder
 from campaigns.errors import JournalFailed, OptionsInvalid, VerdictBad
 from campaigns.files.text_file import read_text
 from campaigns.journal.journal import JournalReader
@@ -31,7 +31,7 @@ Page = Annotated[
 ]
 
 
-def command(terminal: Terminal, campaign: Campaign, *, page: Page = None) -> None:
+def command(terminal: Terminal, campaign: CampaignFolder, *, page: Page = None) -> None:
     """Check whether the journal is intact, and show its contents.
 
     Reads every record: the chain of digests, its text, the file's pages and rules, and which

@@ -16,6 +16,7 @@ from app.new_campaign import (
     OTHERS_SCENARIO,
     CellChoice,
     create_on_cell,
+    trust_typed,
 )
 from app.next import tell_next
 from app.options import Seed
@@ -99,6 +100,7 @@ def prepare_campaign(
     one that another robot, scenario or seed is asked of.
     """
     if not is_there(folder / "campaign.yaml"):
+        trust_typed(robot or DEFAULT_ROBOT)
         cell = CellChoice(scenario=scenario, seed=seed, with_limits=True, for_dry_run=True)
         create_on_cell(folder, robot or DEFAULT_ROBOT, cell)
         return open_campaign(folder)

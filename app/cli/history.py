@@ -6,10 +6,9 @@ from typing import Annotated
 import typer
 
 from app.console import Terminal
-from campaigns.campaign import open_campaign
 from campaigns.files.table import NOTHING, Column, csv_table, words
 from campaigns.files.text_file import replace_text
-from campaigns.workflow.history import Epoch, ParameterError, history
+from campaigns.workflow.history import Epoch, ParameterError, history, readable_campaign
 
 Folders = Annotated[
     list[Path], typer.Argument(metavar="DIR…", help="Campaigns of one robot.", show_default=False)
@@ -48,7 +47,7 @@ def command(terminal: Terminal, folders: Folders, *, csv: CsvFile = None) -> Non
     Takes campaigns of one robot with their checks, in the order of time. The table of parameters
     has the difference Δ from the nominal value with its σ for each identification that passed.
     """
-    epochs = history([open_campaign(folder) for folder in folders])
+    epochs = history([readable_campaign(folder) for folder in folders])
     title = "Campaigns and checks, mean errors of distances in mm"
     terminal.rows(title, EPOCHS, enumerate(epochs, start=1))
     for number, epoch in enumerate(epochs, start=1):

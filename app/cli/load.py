@@ -63,11 +63,12 @@ def command(
     """Put the compensated parameters into the controller.
 
     Refuses, before anything is sent, the file of another robot or campaign or of an earlier
-    identification, one that did not pass, and parameters too far from the nominal ones. Shows the difference to the controller's present parameters, with Δ/σ,
-    asks, keeps the old ones as controller-before-N.yaml, writes all at once, reads back and
-    compares. If verification fails, the old parameters are restored. Ctrl-C acts before and after
-    writing, never during it; while pairs are measured it restores the old parameters, and Ctrl-Z
-    stops the robot, suspends, and asks whether to continue.
+    identification, one that did not pass, and parameters too far from the nominal ones. Shows the
+    difference to the controller's present parameters, with Δ/σ, asks, keeps the old ones as
+    controller-before-N.yaml, writes all at once, reads back and compares. If verification fails,
+    the old parameters are restored. Ctrl-C acts before and after writing, never during it; while
+    pairs are measured it restores the old parameters, and Ctrl-Z stops the robot, suspends, and
+    asks whether to continue.
 
     Exit code 1: with --verify, distances after loading are worse than before; the old parameters
     are back.

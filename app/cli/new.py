@@ -5,7 +5,7 @@ from math import inf
 from pathlib import Path
 
 from app.console import Terminal
-from app.new_campaign import NewOptions, create_campaign
+from app.new_campaign import NewOptions, create_campaign, trust_typed
 from app.next import tell_next
 from app.options import NewFolder, ask_reflector
 from campaigns.campaign import open_campaign
@@ -40,6 +40,9 @@ def command(terminal: Terminal, folder: NewFolder, options: NewOptions) -> None:
     be by-hand, for a device that the operator works, and that of the tracker file:NAME, a file to
     which its software writes each point.
 
+    A mechanism of one's own that is named as --robot my.py:OWN is trusted from then on: its program
+    may run (`pkmcal trust`).
+
     With --offline no device is ever connected: the robot's own controller and the tracker's own
     software measure, and `pkmcal import` reads their files.
 
@@ -47,6 +50,7 @@ def command(terminal: Terminal, folder: NewFolder, options: NewOptions) -> None:
     pkmcal new cell-3 --controller tcp://10.0.0.5:5020 --tracker tcp://10.0.0.6:700
     pkmcal new cell-5 --offline
     """
+    trust_typed(options.robot)
     limits: dict[str, float] = {}
     if not options.is_simulated:
         limits = ask_limits(terminal, folder)

@@ -7,7 +7,7 @@ import typer
 
 from app.console import Terminal
 from app.interrupt import awaited_signal
-from app.new_campaign import COMPLETED_ROBOT, COMPLETED_SCENARIO, cell_text
+from app.new_campaign import COMPLETED_ROBOT, COMPLETED_SCENARIO, cell_text, trust_typed
 from app.options import Port, Seed
 from campaigns.robots.robot import find_robot
 from sim.cell import Cell
@@ -71,6 +71,7 @@ def command(
     """
     loaded = load_scenario(scenario)
     if robot is not None:
+        trust_typed(robot)
         loaded = parse_scenario(cell_text(find_robot(robot).robot, scenario), scenario)
     cell = Cell(loaded, seed=seed)
     server = CellServer(ScaledClock(loaded.speed_up), cell.faults)  # sockets live by the wall clock

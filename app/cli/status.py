@@ -4,22 +4,22 @@ from collections.abc import Iterator
 from dataclasses import fields
 
 from app.console import DECISIONS, WARNING, Terminal
-from campaigns.campaign import Campaign
+from campaigns.campaign import CampaignFolder
 from campaigns.evaluation.decision import NO_LIMIT
-from campaigns.workflow.status import CampaignStatus, campaign_status
+from campaigns.workflow.status import CampaignStatus, folder_status
 
 NOTHING_LEFT = ("nothing is left to do", "")
 LATEST_SERIES = 5
 """Number of series that are listed; `--json` has all."""
 
 
-def command(terminal: Terminal, campaign: Campaign) -> None:
+def command(terminal: Terminal, campaign: CampaignFolder) -> None:
     """Show where the campaign is, and the next command.
 
     Who measures now, which series exist, what is open, what is doubtful, the verdict, and the next
     command. Nothing is changed, no device is asked, and a running measurement is not disturbed.
     """
-    status = campaign_status(campaign)
+    status = folder_status(campaign)
     for text, style in _lines(status):
         terminal.say(text, style)
     answer = {field.name: getattr(status, field.name) for field in fields(status)}

@@ -15,7 +15,7 @@ from app.exits import Exit
 from app.interrupt import awaited_signal
 from app.monitor.server import LiveServer
 from app.options import Port
-from campaigns.campaign import Campaign
+from campaigns.campaign import CampaignFolder
 from campaigns.errors import OptionsInvalid
 
 LOOK_FOR_END_S = 0.1
@@ -31,7 +31,7 @@ Host = Annotated[
 
 
 def command(
-    terminal: Terminal, campaign: Campaign, *, host: Host = "127.0.0.1", port: Port = 0
+    terminal: Terminal, campaign: CampaignFolder, *, host: Host = "127.0.0.1", port: Port = 0
 ) -> None:
     """Serve a live page of the campaign, for a tablet or a wall screen.
 

@@ -5,13 +5,13 @@ from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
 
-from campaigns.campaign import open_campaign
+from campaigns.campaign import open_folder
 from campaigns.errors import CampaignError
 from campaigns.files.lock import lock_holder
 from campaigns.journal import records
 from campaigns.journal.views import Entry
 from campaigns.measuring.run_state import LATEST_SHOTS, time_left_s
-from campaigns.workflow.status import campaign_status
+from campaigns.workflow.status import folder_status
 from drivers.texts import printable
 
 EVENTS_SHOWN = 8
@@ -42,8 +42,8 @@ def live_state(folder: Path) -> dict[str, object]:
 
 
 def _state(folder: Path) -> dict[str, object]:
-    campaign = open_campaign(folder)
-    status, is_held = campaign_status(campaign), lock_holder(folder) is not None
+    campaign = open_folder(folder)
+    status, is_held = folder_status(campaign), lock_holder(folder) is not None
     entries: Entries = ()
     if campaign.journal_path.exists():
         with campaign.journal_reader() as journal:

@@ -6,10 +6,8 @@ platform slides. A parameter set for a plain controller (`export --format plain`
 same list. The model with priors needs no such list: there, every parameter is an unknown.
 """
 
-import importlib.util
 from collections.abc import Mapping
 from importlib.metadata import entry_points
-from pathlib import Path
 
 from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.five_bar import FiveBar
@@ -54,39 +52,19 @@ MECHANISMS: Mapping[str, Mechanism] = {
 }
 ENTRY_POINTS = "pkmcal.mechanisms"
 """Group of entry points by which other packages offer mechanisms."""
-PYTHON = ".py"
 
 
-def find_mechanism(word: object, folder: Path = Path()) -> Mechanism | None:
-    """Return a mechanism by its word: shipped, a file's (`my.py:OWN`), or another package's.
+def find_mechanism(word: object) -> Mechanism | None:
+    """Return a mechanism by its word: shipped, or another package's.
 
-    Paths of files are relative to the folder. Return None for an unknown word; raise `ImportError`,
-    `AttributeError` or `TypeError` where a file or package has no mechanism of that name.
+    Return None for an unknown word; raise `ImportError`, `AttributeError` or `TypeError` where a
+    package has no mechanism of that name.
     """
     if not isinstance(word, str) or word in MECHANISMS:
         return MECHANISMS.get(str(word))
-    file, _, name = word.rpartition(":")
-    if file.endswith(PYTHON):
-        return _load_mechanism(folder / file, name)
     for offer in entry_points(group=ENTRY_POINTS, name=word):
         mechanism = offer.load()
         if not isinstance(mechanism, Mechanism) or mechanism.name != word:
             raise TypeError(f"{offer.value} is {mechanism!r}, must be a Mechanism named '{word}'")
         return mechanism
     return None
-
-
-def _load_mechanism(file: Path, name: str) -> Mechanism:
-    """Execute a file of Python and return the mechanism that it assigns to a name."""
-    spec = importlib.util.spec_from_file_location(file.stem, file)
-    assert spec is not None, "the file's name ends in .py"
-    assert spec.loader is not None, "a file has a loader"
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except (Exception, SystemExit) as error:  # other people's code may raise anything
-        raise ImportError(f"{file}: {error}") from error
-    mechanism = getattr(module, name)
-    if not isinstance(mechanism, Mechanism):
-        raise TypeError(f"{name} in {file} is {mechanism!r}, must be a Mechanism")
-    return mechanism

@@ -31,13 +31,13 @@ from campaigns.files.text_file import read_text, write_new_text
 from campaigns.files.wording import shown, suggestion
 from campaigns.fit.error_sources import SOURCES
 from campaigns.kinematics.axes import Axis, Interval
-from campaigns.kinematics.catalog import PYTHON, find_mechanism
 from campaigns.kinematics.feasibility import Limits
 from campaigns.kinematics.implicit import ImplicitMechanism
 from campaigns.kinematics.mechanism import Mechanism
 from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import Parameters, stated_rates
 from campaigns.kinematics.transmission import STEEPEST_ERROR
+from campaigns.robots.program import PYTHON, find_mechanism
 from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.schema import SCHEMA, RobotContents, Tolerance, contents_model
 from drivers.bounded_files import is_there
@@ -235,14 +235,15 @@ def _find_typical(word: str) -> RobotDocument:
 
     `word` names the mechanism as `my.py:OWN`. Raise `ConfigInvalid` if no robot has its parameters.
     """
-    contents_model(word, Path())  # refuses a word that gives no mechanism
-    mechanism = find_mechanism(word)
+    folder, local = Path(word).parent, Path(word).name
+    contents_model(local, folder)  # refuses a word that gives no mechanism
+    mechanism = find_mechanism(local, folder)
     assert mechanism is not None, "as contents_model has found it"
     names = mechanism.parameters.names
     for shipped in map(find_robot, shipped_robots()):
         if shipped.robot.mechanism.parameters.names == names:
             tree = shipped.document.editable_tree()
-            tree |= {"mechanism": Path(word).name, "name": mechanism.name}
+            tree |= {"mechanism": local, "name": mechanism.name}
             return parse_robot(yaml_file.yaml_text(tree), word)
     raise ConfigInvalid(
         f"{word}: no shipped robot has its parameters, so nothing says its sizes",

@@ -27,10 +27,11 @@ from campaigns.files.yaml_file import (
 )
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.kinematics.axes import Axis
-from campaigns.kinematics.catalog import MECHANISMS, find_mechanism
+from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.kinematics.mechanism import Mechanism
 from campaigns.kinematics.parameters import OPTIONAL, Parameter, ParameterField
 from campaigns.kinematics.platforms import ON_PLATE
+from campaigns.robots.program import find_mechanism
 
 SCHEMA = "pkmcal/robot/1"
 
@@ -222,7 +223,8 @@ class RobotContents(FileModel):
 def contents_model(word: object, folder: Path) -> type[RobotContents]:
     """Return the model of the files of a mechanism, named by its word.
 
-    Raise `ConfigInvalid` where a file or package gives no mechanism by this word.
+    Raise `ConfigInvalid` where a file or package gives no mechanism by this word, and
+    `ProgramUntrusted` for a file that may not run.
     """
     try:
         mechanism = find_mechanism(word, folder)

@@ -5,11 +5,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from itertools import combinations
+from pathlib import Path
 from typing import Literal, TypeVar
 
 from pydantic import JsonValue
 
-from campaigns.campaign import Campaign
+from campaigns.campaign import Campaign, CampaignFolder, open_campaign, open_folder
 from campaigns.errors import FindingUnreadable, OptionsInvalid, ShotsMissing
 from campaigns.evaluation.decision import Decision
 from campaigns.evidence import Evaluation, evaluate
@@ -17,9 +18,11 @@ from campaigns.identification.checking import read_check
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding
 from campaigns.journal.views import Entry, Series
+from campaigns.robots.program import ProgramUntrusted
 from drivers.texts import quoted
 
 ResultT = TypeVar("ResultT")
+UNREAD = "without figures of the robot: its program is not trusted (`pkmcal trust`)"
 OLDER_MODEL = "by an older model: figures are not comparable"
 
 
@@ -64,7 +67,15 @@ class Epoch:
     """Mean error of distances of hold-out pairs by the model, mm; None: there were none."""
 
 
-def history(campaigns: Sequence[Campaign]) -> tuple[Epoch, ...]:
+def readable_campaign(folder: Path) -> CampaignFolder:
+    """Open a campaign, without its robot if the robot's program may not run; raise as those do."""
+    try:
+        return open_campaign(folder)
+    except ProgramUntrusted:
+        return open_folder(folder)
+
+
+def history(campaigns: Sequence[CampaignFolder]) -> tuple[Epoch, ...]:
     """Collect the identifications and checks of one robot's campaigns in the order of time.
 
     Raise `OptionsInvalid` for different robots or a folder that is named twice, and `ShotsMissing`
@@ -75,8 +86,11 @@ def history(campaigns: Sequence[Campaign]) -> tuple[Epoch, ...]:
     return tuple(sorted(epochs, key=lambda epoch: datetime.fromisoformat(epoch.measured_utc)))
 
 
-def _epochs(campaign: Campaign) -> Iterator[Epoch]:
-    """Yield a campaign's latest identification of each series, and its checks."""
+def _epochs(campaign: CampaignFolder) -> Iterator[Epoch]:
+    """Yield a campaign's latest identification of each series, and its checks.
+
+    A campaign without its robot, whose program may not run, has their times and decisions alone.
+    """
     with campaign.journal_reader() as journal:
         series = {each.number: each for each in journal.series()}
         of_identifications = journal.findings("identification")
@@ -96,10 +110,12 @@ def _epochs(campaign: Campaign) -> Iterator[Epoch]:
             f"{campaign.folder}: nothing has been identified yet",
             remedy=f"`pkmcal identify {campaign.folder}`, or leave it out",
         )
-    evaluation = evaluate(campaign)
+    evaluation = evaluate(campaign) if isinstance(campaign, Campaign) else None
     renew = f"; run `pkmcal identify {quoted(str(campaign.folder))}` again"
     for number, identification in identifications.items():
-        epoch = _epoch_of(campaign, identification, series.get(number), evaluation)
+        epoch = _epoch_of(campaign, identification, series.get(number))
+        if evaluation is not None:
+            epoch = _with_figures(epoch, identification, evaluation)
         if identification.is_by_older_model:
             note = f"{OLDER_MODEL}{renew if number == latest else ''}"
             epoch = replace(epoch, note=note)
@@ -140,7 +156,7 @@ def _unreadable(
 
 
 def _left_out(
-    campaign: Campaign, kind: Literal["campaign", "check"], at_utc: str, renew: str
+    campaign: CampaignFolder, kind: Literal["campaign", "check"], at_utc: str, renew: str
 ) -> Epoch:
     """Return the row of a finding that cannot be read: its time, and nothing of its contents."""
     return Epoch(
@@ -154,49 +170,53 @@ def _left_out(
 
 
 def _epoch_of(
-    campaign: Campaign,
-    identification: RecordedIdentification,
-    series: Series | None,
-    evaluation: Evaluation,
+    campaign: CampaignFolder, identification: RecordedIdentification, series: Series | None
 ) -> Epoch:
-    """Return the epoch of an identification.
+    """Return the epoch of an identification, as far as the journal alone states it."""
+    judgement, errors = identification.judgement, identification.residuals.unseen_mm
+    return Epoch(
+        folder=str(campaign.folder),
+        kind="campaign",
+        measured_utc=_measured_utc(series, identification.provenance.at_utc),
+        decision=judgement.verdict,
+        says="" if judgement.verdict == "pass" else "; ".join(judgement.reasons),
+        note="" if isinstance(campaign, Campaign) else UNREAD,
+        by_older_model=identification.is_by_older_model,
+        unseen_mm=errors.after.mean_abs if errors else None,
+    )
+
+
+def _with_figures(
+    epoch: Epoch, identification: RecordedIdentification, evaluation: Evaluation
+) -> Epoch:
+    """Return an identification's epoch with what the robot's model adds: parameters and errors.
 
     `after_mm` is given only if the controller held this identification's values: a campaign has
     one validation after calibration, but may have several identifications.
     """
-    judgement, errors = identification.judgement, identification.residuals.unseen_mm
-    space, has_passed = campaign.robot.mechanism.parameters, judgement.verdict == "pass"
-    measured_utc = _measured_utc(series, identification.provenance.at_utc)
+    mechanism = evaluation.evidence.campaign.robot.mechanism
     before, after = (
         stage.distances.mean.value_mm if stage and stage.distances else None
         for stage in (evaluation.before, evaluation.after)
     )
     held = evaluation.evidence.held("after")
-    digest = identification.value.parameter_set(campaign.robot.mechanism).digest()
+    digest = identification.value.parameter_set(mechanism).digest()
     is_held = held is not None and held.origin == digest
-    return Epoch(
-        folder=str(campaign.folder),
-        kind="campaign",
-        measured_utc=measured_utc,
-        decision=judgement.verdict,
-        says="" if has_passed else "; ".join(judgement.reasons),
-        parameters=tuple(
-            ParameterError(
-                name,
-                measured_utc,
-                parameter.delta,
-                parameter.std,
-                space[name].unit,
-                identification.is_by_older_model,
-            )
-            for name, parameter in identification.value.parameters.items()
-            if has_passed and parameter.free and parameter.std is not None
-        ),
-        before_mm=before,
-        after_mm=after if is_held else None,
-        by_older_model=identification.is_by_older_model,
-        unseen_mm=errors.after.mean_abs if errors else None,
+    has_passed = identification.judgement.verdict == "pass"
+    parameters = tuple(
+        ParameterError(
+            name,
+            epoch.measured_utc,
+            parameter.delta,
+            parameter.std,
+            mechanism.parameters[name].unit,
+            identification.is_by_older_model,
+        )
+        for name, parameter in identification.value.parameters.items()
+        if has_passed and parameter.free and parameter.std is not None
     )
+    after_mm = after if is_held else None
+    return replace(epoch, parameters=parameters, before_mm=before, after_mm=after_mm)
 
 
 def _measured_utc(series: Series | None, at_utc: str) -> str:
@@ -204,7 +224,7 @@ def _measured_utc(series: Series | None, at_utc: str) -> str:
     return max((each.measured_utc for each in series.shots), default=at_utc) if series else at_utc
 
 
-def _require_one_robot(campaigns: Sequence[Campaign]) -> None:
+def _require_one_robot(campaigns: Sequence[CampaignFolder]) -> None:
     """Raise `OptionsInvalid` for a folder named twice, or campaigns of different robots.
 
     A serial number that one of two campaigns lacks is not compared between these two.
@@ -221,20 +241,21 @@ def _require_one_robot(campaigns: Sequence[Campaign]) -> None:
                 )
 
 
-def _identities(first: Campaign, other: Campaign) -> Iterator[tuple[str, str, str]]:
+def _identities(first: CampaignFolder, other: CampaignFolder) -> Iterator[tuple[str, str, str]]:
     """Yield the identifying quantities of two campaigns: name, first value, other value.
 
     The controller's serial number counts only where the robot's own is missing: a controller may
     be exchanged.
     """
-    yield "mechanism", first.robot.mechanism.name, other.robot.mechanism.name
+    if isinstance(first, Campaign) and isinstance(other, Campaign):
+        yield "mechanism", first.robot.mechanism.name, other.robot.mechanism.name
     ours, theirs = (each.config.instruments.robot_serial for each in (first, other))
     yield "serial number", ours, theirs
     if not (ours and theirs):
         yield "controller's serial number", _controller(first), _controller(other)
 
 
-def _controller(campaign: Campaign) -> str:
+def _controller(campaign: CampaignFolder) -> str:
     """Return the serial number of the controller that answered last; "" if none did."""
     with campaign.journal_reader() as journal:
         robots = [each.started.robot for each in journal.series() if each.started.robot]

@@ -6,15 +6,17 @@ Only reads, and takes no lock: another process may be measuring meanwhile.
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from campaigns.campaign import Campaign, moment
+from campaigns.campaign import Campaign, CampaignFolder, moment, open_campaign
 from campaigns.evaluation.decision import Verdict
-from campaigns.evidence import Evaluation, Evidence, evaluate
+from campaigns.evidence import Evaluation, Evidence, evaluate, unended_load
 from campaigns.files.lock import Holder, lock_holder
 from campaigns.journal.views import Series
 from campaigns.measuring.resume import resume_state
 from campaigns.next_step import CampaignState, NextStep, next_step, state_of
-from campaigns.planning.plan_file import plan_difference
+from campaigns.planning.plan_file import PlannedShot, plan_difference
 from campaigns.planning.steps import joint_steps
+from campaigns.robots.program import ProgramUntrusted
+from drivers.texts import quoted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +70,44 @@ class CampaignStatus:
     """Digest of the journal's last record, which stands for all of them; empty without one."""
 
 
+def folder_status(folder: CampaignFolder) -> CampaignStatus:
+    """Return the status of a folder's campaign, by its journal alone if its program may not run.
+
+    Raise `ConfigInvalid` or `JournalFailed` for files that cannot be read.
+    """
+    try:
+        campaign = open_campaign(folder.folder)
+    except ProgramUntrusted as error:
+        return _status_of_journal(folder, error)
+    return campaign_status(campaign)
+
+
+def _status_of_journal(folder: CampaignFolder, error: ProgramUntrusted) -> CampaignStatus:
+    """Return what the journal states without the robot, whose program may not run."""
+    series, records, digest, unended = tuple[StageProgress, ...](), 0, "", ""
+    if folder.journal_path.exists():
+        with folder.journal_reader() as journal:
+            series = tuple(_progress(None, each) for each in journal.series())
+            records, digest = journal.last_number(), journal.digest()
+            unended = unended_load(journal, [])
+    open_series = (f"series {each.series}, {each.says}" for each in series if not each.finished)
+    return CampaignStatus(
+        folder=str(folder.folder),
+        name=folder.config.name,
+        robot="robot not read",
+        phase="not evaluated",
+        series=series,
+        decision=None,
+        validated=False,
+        open=(*open_series, *filter(None, [unended]), error.problem),
+        doubtful=(),
+        next=NextStep(f"pkmcal trust {quoted(str(error.program.path))}", "read it first"),
+        measuring=lock_holder(folder.folder),
+        records=records,
+        digest=digest,
+    )
+
+
 def campaign_status(campaign: Campaign) -> CampaignStatus:
     """Return the status of a campaign; raise `JournalFailed` for a journal that cannot be read."""
     evaluation = evaluate(campaign)
@@ -75,7 +115,7 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
     state = state_of(evaluation)
     worker = lock_holder(campaign.folder)
     all_series = evidence.journal.series if evidence.journal else ()
-    series = tuple(_progress(evidence, each) for each in all_series)
+    series = tuple(_progress(evidence.plan, each) for each in all_series)
     verdict = evaluation.verdict if identification is not None else None
     return CampaignStatus(
         folder=str(campaign.folder),
@@ -112,16 +152,16 @@ def phase(state: CampaignState) -> str:
     return "planned" if state.planned else "set up"
 
 
-def _progress(evidence: Evidence, series: Series) -> StageProgress:
-    """Return the progress of a series; shots of a run's broken pairs do not count.
+def _progress(plan: tuple[PlannedShot, ...] | None, series: Series) -> StageProgress:
+    """Return the progress of a series by plan.csv; shots of a run's broken pairs do not count.
 
     When the run is resumed such a pair is measured again as a whole.
     """
     shots, planned = len(series.shots), None
-    if series.started.stage == "run" and evidence.plan is not None:
-        planned = len(evidence.plan)
-        if not plan_difference([shot.intent for shot in series.shots], evidence.plan):
-            pending = resume_state(joint_steps(evidence.plan), series.shots).unmeasured
+    if series.started.stage == "run" and plan is not None:
+        planned = len(plan)
+        if not plan_difference([shot.intent for shot in series.shots], plan):
+            pending = resume_state(joint_steps(plan), series.shots).unmeasured
             shots = planned - sum(map(len, pending))
     return StageProgress(
         series=series.number,

@@ -9,6 +9,7 @@ from family_cases import MEMBERS
 from app.cli.devices import facts_of_controller
 from app.new_campaign import cell_text, create_simulated
 from campaigns.campaign import open_campaign
+from campaigns.robots.program import Program, trust
 from campaigns.robots.robot import find_robot
 from drivers.values import Identity, RobotState
 from sim.cell import Cell
@@ -125,6 +126,7 @@ limits:
 
 def test_gears_behind_a_drive_have_their_rate_from_the_data_sheet(tmp_path):
     (tmp_path / "arm.py").write_text(REACHING_ARM, encoding="utf-8")
+    trust(Program.read(tmp_path / "arm.py"))
     file = tmp_path / "reaching.yaml"
     file.write_text(REACHING_ROBOT, encoding="utf-8")
     create_simulated(tmp_path / "cell", str(file), "gears")
@@ -135,6 +137,7 @@ def test_gears_behind_a_drive_have_their_rate_from_the_data_sheet(tmp_path):
 
 def test_joints_of_both_kinds_are_listed_each_with_its_unit(tmp_path):
     (tmp_path / "arm.py").write_text(REACHING_ARM, encoding="utf-8")
+    trust(Program.read(tmp_path / "arm.py"))
     (tmp_path / "reaching.yaml").write_text(REACHING_ROBOT, encoding="utf-8")
     robot = find_robot(str(tmp_path / "reaching.yaml")).robot
     state = RobotState((120.0, 0.5), moving=False, fault="", emergency_stop=False)

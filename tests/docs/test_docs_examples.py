@@ -18,6 +18,7 @@ from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.kinematics.catalog import FAMILY
 from campaigns.planning.plan_file import parse_plan
 from campaigns.planning.plans import joints_of, poses_of
+from campaigns.robots.program import Program, trust
 from campaigns.robots.robot import RobotFile, find_robot, read_robot
 from campaigns.settings.config import new_config, read_campaign
 from campaigns.shots.shots_csv import parse_shots
@@ -73,6 +74,7 @@ def write_modules_of_page(block: Block, folder: Path) -> None:
     for other in blocks("python"):
         if other.where.startswith(page) and (name := MODULE.match(other.text)):
             (folder / name[1]).write_text(other.text, encoding="utf-8")
+            trust(Program.read(folder / name[1]))
 
 
 @pytest.mark.parametrize("block", CSV_BLOCKS, ids=str)

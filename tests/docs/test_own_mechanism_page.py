@@ -8,6 +8,7 @@ import pytest
 from pages import ROOT, blocks
 
 from campaigns.errors import ConfigInvalid
+from campaigns.robots.program import Program, trust
 from pkmcal import find_robot
 
 PAGE = "docs/how-to/own-mechanism.md"
@@ -32,6 +33,7 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "biglide.py").write_text(PYTHON, encoding="utf-8")
     (tmp_path / "biglide.yaml").write_text(ROBOT, encoding="utf-8")
+    trust(Program.read(tmp_path / "biglide.py"))  # as the page's `pkmcal trust` does
     return tmp_path
 
 
@@ -98,6 +100,7 @@ def test_faults_of_an_author_are_told_in_a_line(folder):
             robot = ROBOT.replace("joint_offset_mm", "offset_mm")
         (folder / "biglide.py").write_text(text, encoding="utf-8")
         (folder / "biglide.yaml").write_text(robot, encoding="utf-8")
+        trust(Program.read(folder / "biglide.py"))
         with pytest.raises(ConfigInvalid) as raised:
             find_robot("biglide.yaml")
         assert words in str(raised.value), line

@@ -68,7 +68,7 @@ def test_a_mechanism_of_ones_own_goes_all_the_way_to_its_parameters(pkmcal, file
     [
         ("my.py:MINE", "has no attribute 'MINE'"),
         ("my.py:OTHER", "is 'par4', must be a Mechanism"),
-        ("none.py:OWN", "No such file"),
+        ("none.py:OWN", "there is no such file"),
     ],
 )
 def test_a_file_that_gives_no_mechanism_is_refused(pkmcal, file, tmp_path, word, reason):

@@ -10,6 +10,8 @@ import numpy as np
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
+from campaigns.robots.program import Program, trust
+
 TRACKER_FROM_BASE = Rotation.from_euler("xyz", [8.0, -5.0, 70.0], degrees=True)
 PLACE_MM = np.array([2300.0, -400.0, 900.0])
 NOISE_MM = 0.012
@@ -112,6 +114,7 @@ ROBOTS = {"hexapod": HEXAPOD, "five-bar": FIVE_BAR, "polar": POLAR}
 def robot_file(folder: Path, name: str, quantity: str = "place") -> Path:
     """Write a robot's file, and beside it the parts of the one of joints of both kinds."""
     (folder / "polar.py").write_text(POLAR_PARTS.replace("QUANTITY", quantity), encoding="utf-8")
+    trust(Program.read(folder / "polar.py"))
     path = folder / f"{name}.yaml"
     path.write_text(ROBOTS[name], encoding="utf-8")
     return path
