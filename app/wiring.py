@@ -24,6 +24,7 @@ from typing import cast
 from app.own_equations import OwnEquations
 from campaigns.campaign import Campaign
 from campaigns.controllers.active_kinematics import HeldParameters, joints_of_pose
+from campaigns.controllers.issuer import IDENTITY, is_foreign
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing, WriteFailed
 from campaigns.files.text_file import replace_text
 from campaigns.measuring.work import Cell as Devices
@@ -355,7 +356,7 @@ def _in_process(campaign: Campaign, scenario: Scenario) -> Iterator[InProcessCel
     # journal records as a bound of earlier measurements, so that their noise is not drawn again.
     path = campaign.path(CELL_MEMORY)
     require_same_mechanism(campaign, scenario)
-    memory = _read_memory(path)
+    memory = _read_memory(path, campaign.config.identity)
     before = _count_records(campaign) if memory is None else 0
     equations = partial(OwnEquations.of, campaign.robot.mechanism)
     cell = Cell(scenario, memory=memory, attempts_before=before, equations=equations)
@@ -368,9 +369,9 @@ def _in_process(campaign: Campaign, scenario: Scenario) -> Iterator[InProcessCel
         yield in_process
     except BaseException:
         with suppress(WriteFailed):  # the first error is the one to report
-            _write_memory(path, in_process)
+            _write_memory(path, in_process, campaign.config.identity)
         raise
-    _write_memory(path, in_process)
+    _write_memory(path, in_process, campaign.config.identity)
 
 
 def _count_records(campaign: Campaign) -> int:
@@ -385,11 +386,17 @@ def _count_records(campaign: Campaign) -> int:
         return 0
 
 
-def _write_memory(path: Path, cell: InProcessCell) -> None:
-    replace_text(path, json.dumps(cell.memory()))  # an indent would make it ten times slower
+def _write_memory(path: Path, cell: InProcessCell, identity: str) -> None:
+    """Write what a campaign's cell remembers, with the campaign's identity."""
+    # an indent would make it ten times slower
+    replace_text(path, json.dumps({**cell.memory(), IDENTITY: identity}))
 
 
-def _read_memory(path: Path) -> dict[str, object] | None:
+def _read_memory(path: Path, identity: str) -> dict[str, object] | None:
+    """Return what a campaign's cell remembers; None without a file.
+
+    Raise `SimError` for a file that cannot be read, or is another campaign's.
+    """
     if not bounded_files.is_there(path):
         return None
     try:
@@ -400,6 +407,12 @@ def _read_memory(path: Path) -> dict[str, object] | None:
         raise SimError(f"{path}: cannot be read ({error})", remedy="delete the file") from error
     if not isinstance(memory, dict):
         raise SimError(f"{path}: holds no memory of a cell", remedy="delete the file")
+    # of older versions it states no identity: they had no other test than the scenario's name
+    if is_foreign(memory.pop(IDENTITY, identity), identity):
+        raise SimError(
+            f"{path}: is of another campaign's cell, not of identity {identity or 'none'}",
+            remedy="bring this campaign's file back, or delete it to begin with a new cell",
+        )
     return memory
 
 

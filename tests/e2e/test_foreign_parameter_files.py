@@ -131,3 +131,13 @@ def test_a_file_in_the_backups_place_is_not_put_back(pkmcal, exported, sent):
     assert refused.code == 2
     assert "does not hold what the journal says the load replaced" in refused.error_line
     assert not any(b"STAGE" in data for data in sent[-10:])
+
+
+def test_the_memory_of_another_campaigns_cell_is_refused(pkmcal, exported, sent):
+    memory = exported / "cell-memory.json"
+    memory.write_text(re.sub(r'"identity": "\w+"', f'"identity": "{OTHER}"', memory.read_text()))
+    refused = pkmcal("load", exported, "--dry")
+    assert (refused.code, sent) == (2, [])
+    assert "is of another campaign's cell" in refused.error_line
+    memory.unlink()
+    assert pkmcal("load", exported, "--dry").code == 0
