@@ -91,7 +91,7 @@ class Issuer:
             yield Objection(ObjectionName.IDENTITY, text, EXPORT_AGAIN)
         elif robot.digest() not in self.sets:
             text = "this campaign has identified and exported other parameters than the file's"
-            yield Objection(ObjectionName.IDENTITY, text, EXPORT_AGAIN)
+            yield Objection(ObjectionName.CHANGED, text, EXPORT_AGAIN)
         elif (form.of if form else robot.digest()) != self.latest:
             latest = max(self.records)
             text = f"it is of an earlier identification, record {number}, the latest is {latest}"

@@ -66,7 +66,7 @@ def backup_objections(robot: RobotFile, replaced: Mapping[str, float]) -> Iterat
     """
     if replaced and differing(replaced, robot.parameters):
         yield Objection(
-            ObjectionName.IDENTITY,
+            ObjectionName.CHANGED,
             "it does not hold what the journal says the load replaced: another file has its name",
             "bring the file back that the load made, or put the record's values into it",
         )

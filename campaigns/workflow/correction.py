@@ -10,6 +10,7 @@ from campaigns.campaign import Campaign
 from campaigns.controllers.corrected_targets import CorrectedFile, TargetCorrection, correct_poses
 from campaigns.controllers.export import FILE_NAME
 from campaigns.controllers.load_checks import file_objections, read_parameter_file
+from campaigns.controllers.objections import ObjectionName
 from campaigns.errors import ConfigInvalid, TargetsInvalid
 from campaigns.files.text_file import read_text, write_text_unless_there
 from campaigns.robots.reduced_form import form_of
@@ -60,9 +61,12 @@ def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
     """
     if path is None and not campaign.path(FILE_NAME).exists():
         return identified_robot(campaign).robot
+    # who names a file may mean an earlier set or one of their own: it is corrected without σ then
+    allowed = {ObjectionName.CHANGED, ObjectionName.SUPERSEDED} if path is not None else set()
     path = path or campaign.path(FILE_NAME)
     robot = read_parameter_file(path, campaign.folder, campaign.robot)
-    objections = tuple(file_objections(robot, issuer_of(campaign), campaign.robot))
+    judged = file_objections(robot, issuer_of(campaign), campaign.robot)
+    objections = [objection for objection in judged if objection.name not in allowed]
     if objections:
         problems = "; ".join(each.problem for each in objections)
         raise ConfigInvalid(

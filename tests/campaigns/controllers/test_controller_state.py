@@ -35,7 +35,7 @@ def plain(shared_paper: PaperCampaign) -> Evaluation:
     changed = robot.parameters | {"arm2.arm_mm": robot.parameters["arm2.arm_mm"] + 0.02}
     form = compensated(paper.campaign.nominal, "plain", changed, stated)
     path.write_text(form.document.text, encoding="utf-8")
-    load(paper.campaign, nullcontext(Controller()), LoadOptions(file=path, force=("identity",)))
+    load(paper.campaign, nullcontext(Controller()), LoadOptions(file=path, force=("changed",)))
     paper.controller = form.robot.kinematics
     paper.validate("after")
     return evaluate(paper.campaign)
@@ -67,7 +67,7 @@ def test_a_form_that_loses_more_than_a_limit_shows_nothing(shared_paper, plain) 
     limits = AcceptanceConfig(distance_mean_mm=0.005, distance_max_mm=0.1)
     config = shared_paper.campaign.config.model_copy(update={"acceptance": limits})
     strict = replace(shared_paper.campaign, config=config)
-    options = LoadOptions(file=shared_paper.folder / "robot-plain.yaml", force=("identity",))
+    options = LoadOptions(file=shared_paper.folder / "robot-plain.yaml", force=("changed",))
     load(strict, nullcontext(Controller()), options, LoadTerms(tell=told.append, dry=True))
     warned = next(text for text in told if text.startswith("! "))
     assert "(plain) loses 0.0100 mm on average" in warned

@@ -29,7 +29,7 @@ from drivers.errors import DeviceRefused, RobotStateUnknown
 from drivers.values import Pose
 
 EXPORTED = "robot-compensated.yaml"
-CHANGED = (ObjectionName.IDENTITY,)
+CHANGED = (ObjectionName.CHANGED,)
 """Overrules that a set was changed by hand, and is none that the journal holds."""
 
 
@@ -98,7 +98,7 @@ def test_wrong_file_is_refused_with_all_reasons_and_force_keeps_them(campaign: C
         loaded(campaign, controller, source)
     assert (controller.held, controller.writes, findings(campaign)) == (OLD, 0, [])
     told: list[str] = []
-    most = (ObjectionName.IDENTITY, ObjectionName.VERDICT, ObjectionName.FAR)
+    most = (*CHANGED, ObjectionName.VERDICT, ObjectionName.FAR)
     with pytest.raises(errors.ConfigInvalid, match=r"R-2, connected is R-1 .*`--force serial`"):
         loaded(campaign, controller, source, force=most)
     assert (controller.held, controller.writes, findings(campaign)) == (OLD, 0, [])
