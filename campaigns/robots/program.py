@@ -21,6 +21,7 @@ from campaigns.files.text_file import make_folder, replace_text
 from campaigns.kinematics import catalog
 from campaigns.kinematics.mechanism import Mechanism
 from drivers.bounded_files import MEGABYTE, FileMissing, FileRefused, decoded, read_bounded
+from drivers.texts import printable
 
 PYTHON = ".py"
 LONGEST_RUN_S = 30.0
@@ -101,7 +102,9 @@ def _write(programs: dict[str, str]) -> None:
     """Write the list in the form of sha256sum, so that `sha256sum --check` compares it."""
     path = list_path()
     make_folder(path.parent)
-    replace_text(path, "".join(f"{sha256}  {name}\n" for sha256, name in programs.items()))
+    # a name with a line break would put a second line, of another program, on the list
+    lines = (f"{sha256}  {printable(name)}\n" for sha256, name in programs.items())
+    replace_text(path, "".join(lines))
 
 
 def program_of(word: object, folder: Path) -> Program | None:

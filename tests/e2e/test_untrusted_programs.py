@@ -195,3 +195,11 @@ def test_the_list_is_the_users(configuration, sent):
     trust(Program.read(sent / "my.py"))
     assert (configuration / "pkmcal" / "trusted").is_file()
     assert "my" not in sys.modules
+
+
+def test_a_folders_name_puts_no_second_program_on_the_list(sent, tmp_path):
+    folder = tmp_path / f"cell\n{'b' * 64}  my.py"
+    folder.mkdir()
+    shutil.copy(sent / "my.py", folder)
+    trust(Program.read(folder / "my.py"))
+    assert [*trusted_programs()] == [Program.read(sent / "my.py").sha256]
