@@ -80,7 +80,7 @@ def trusted_programs() -> dict[str, str]:
         return {}
     except FileRefused as error:
         raise ConfigInvalid(error.problem, remedy=error.remedy) from error
-    rows = (line.split(maxsplit=1) for line in text.splitlines())
+    rows = (line.split(maxsplit=1) for line in text.split("\n"))
     return {row[0]: row[1] for row in rows if len(row) == 2}
 
 
