@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from campaigns.campaign import open_campaign
     from campaigns.evidence import evaluate
     from campaigns.fit.tracker_noise import TrackerUncertainty
+    from campaigns.identification.objects import Object
     from campaigns.identification.other_kinds import Measured
     from campaigns.kinematics.axes import PLANE, POSITION, TURN, TURNS, Axis
     from campaigns.kinematics.closed_chain import ClosedChain
@@ -62,6 +63,7 @@ MECHANISMS = {
 HOMES = {name: f"{KINEMATICS}.{home}" for home, names in MECHANISMS.items() for name in names} | {
     "Kinematics": "campaigns.kinematics.model",
     "Measured": "campaigns.identification.other_kinds",
+    "Object": "campaigns.identification.objects",
     "NewOptions": "app.new_campaign",
     "RobotFile": "campaigns.robots.robot",
     "Shots": "campaigns.shots.shots",
@@ -90,6 +92,7 @@ __all__ = [
     "Limits",
     "Measured",
     "NewOptions",
+    "Object",
     "ParameterField",
     "Platform",
     "RobotFile",

@@ -50,9 +50,9 @@ from campaigns.fit.fit import (
     refit,
     settle,
 )
-from campaigns.fit.kinds import Slot
 from campaigns.fit.layers import LAYERS, likely_layers
 from campaigns.fit.periods import likely_ripples
+from campaigns.fit.slots import Slot
 from campaigns.kinematics.axes import Axis
 
 ALARM = 0.01

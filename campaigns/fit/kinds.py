@@ -6,75 +6,27 @@ tracker's where a tracker took it, else the base. An observation of some bodies 
 
     r = rows(value, bodies, slots)      predicted less measured, all in mm
 
-Slots are unknowns of the surroundings: the plane of a bed, the shrinkage of a printed part, where a
-reflector or a probe sits on its body. They are fitted as all others are, each with a prior, and no
-kind but by its function knows what it is: `KINDS` is the table of these functions. Derivatives by
-places, by small turns and by slots are complex steps, so that they are exact to rounding. Turns of
-a body are small turns of its axes and not changes of a rotation vector, which are no turns.
+Slots (`slots.py`) are unknowns of the surroundings: the plane of a bed, the shrinkage of a printed
+part, where a reflector or a probe sits on its body. `KINDS` is the table of these functions, each
+with the slots that it takes. Derivatives by places, by small turns and by slots are complex steps,
+so that they are exact to rounding. Turns of a body are small turns of its axes and not changes of a
+rotation vector, which are no turns.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from campaigns.arrays import AXES, Array, Index
-from campaigns.fit.effects import Effect, Moved
+from campaigns.fit.slots import PLACE, PLANE, SHRINKAGE, TURN, SlotKind
 from campaigns.kinematics.limbs import STEP
 from campaigns.kinematics.rotations import matrices_of, turn_between
-
-if TYPE_CHECKING:
-    from campaigns.fit.error_model import Observations
 
 TURN_LEVER_MM = 100.0
 """Distance by which turns become rows in mm: those of a point so far off the body's own."""
 TURNS = -np.cross(np.eye(3)[:, None], np.eye(3))
 """Matrices (3, 3, 3) by which a small turn about x, y or z changes vectors."""
-FLAT_MM, FLAT_RAD = 1e3, 1.0
-"""1 σ of slots of which nothing is known: of lengths, and of slopes, turns and ratios."""
-
-
-@dataclass(frozen=True, slots=True)
-class Slot(Effect):
-    """Unknown of the surroundings with its prior; it moves no point of the robot."""
-
-    target: str
-    """What it belongs to: a bed, a part, a probe."""
-    start: tuple[float, ...]
-    """Mean of the prior, mm, rad or ratios."""
-    std: tuple[float, ...]
-    """1 σ of the prior; unknowns are deviations from its mean in σ."""
-    source: ClassVar[str] = "surroundings"
-
-    @property
-    def moves(self) -> Moved:
-        """What it would move."""
-        return "point"
-
-    @property
-    def name(self) -> str:
-        """Name among all effects."""
-        return f"surroundings of {self.target}"
-
-    @property
-    def count(self) -> int:
-        """Number of unknowns."""
-        return len(self.start)
-
-    def basis(self, observations: "Observations") -> Array:
-        """Return the motions of points by each unknown, (N, 3, k): none."""
-        return np.zeros((len(observations), 3, self.count))
-
-    # A prior that somebody measured is its size already.
-    @property
-    def sizes_of(self) -> tuple[tuple[str, int], ...]:
-        """Groups of unknowns with a size of their own: none."""
-        return (("", self.count),)
-
-    def values(self, z: Array) -> Array:
-        """Return its values (k,) at unknowns z (k,), mm, rad or ratios."""
-        return np.asarray(self.start + np.array(self.std) * z)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,6 +56,8 @@ class Kind:
     """Rows (…, M, r) of values (M, v), one or more `Bodies` and slots (…, 1, s)."""
     columns: tuple[str, ...]
     """Columns of its values: as many as it has rows."""
+    slots: tuple[SlotKind, ...]
+    """Slots, in the order of the function's argument."""
     checks: tuple[str, ...]
     """Quantities of which held-out observations of this kind are a test."""
     bodies: int = 1
@@ -114,7 +68,7 @@ class Kind:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """Observations of one kind and target: M of them, of b bodies each."""
+    """Observations of one kind and object: M of them, of b bodies each."""
 
     kind: Kind
     name: str
@@ -130,7 +84,7 @@ class Block:
     stated: Array
     """Covariance of the rows by who measured them, (M, r, r), mm²."""
     slots: tuple[str, ...]
-    """Targets of the slots, in the order of the kind's function."""
+    """Names of the slots, in the order of the kind's function."""
     frame: Index
     """Number of the frame of each observation, (M,), where a tracker took it."""
 
@@ -227,14 +181,13 @@ POINT = tuple(f"{axis}_mm" for axis in AXES)
 KINDS: Mapping[str, Kind] = {
     kind.name: kind
     for kind in (
-        Kind("height", "height above a plane", _height, ("value_mm",), ("flat",)),
-        Kind("distance", "distance on a part that was drawn", _distance, ("value_mm",), ("xy",),
-             bodies=2),
+        Kind("height", "height above a plane", _height, ("value_mm",), (PLANE,), ("flat",)),
+        Kind("distance", "distance on a part that was drawn", _distance, ("value_mm",),
+             (SHRINKAGE,), ("xy",), bodies=2),
         Kind("reflector", "point of a reflector on a part of the platform", _reflector, POINT,
-             ("position",), by_tracker=True),
+             (PLACE,), ("position",), by_tracker=True),
         Kind("probe", "pose of a probe", _probe, (*POINT, "rx_deg", "ry_deg", "rz_deg"),
-             ("position", "rotation"), by_tracker=True),
+             (PLACE, TURN), ("position", "rotation"), by_tracker=True),
     )
 }  # fmt: skip
-"""All kinds by name. Slots of each: a plane's slopes and height; a shrinkage; a place on the body;
-a place on it and a rotation vector, rad."""
+"""All kinds by name."""

@@ -17,8 +17,9 @@ from campaigns.fit.error_sources import (
     scatter_tolerances,
     tracker_columns,
 )
-from campaigns.fit.kinds import Block, Bodies, Differentiated, Slot, differentiate
+from campaigns.fit.kinds import Block, Bodies, Differentiated, differentiate
 from campaigns.fit.rigid_transforms import MRAD, Transform
+from campaigns.fit.slots import Slot
 from campaigns.kinematics.model import Kinematics
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PredictedRows:
-    """Rows of observations of one kind and target, predicted at given unknowns."""
+    """Rows of observations of one kind and object, predicted at given unknowns."""
 
     residual: Array
     """Predicted less measured, (M, r), mm."""
@@ -145,11 +146,11 @@ def _noise_of(
 def _slots_of(model: "ErrorModel", block: Block) -> tuple[list[Slot], list[slice]]:
     """Return the slots of a block in its order, and the places of their unknowns."""
     named = {
-        effect.target: (effect, where)
+        effect.name: (effect, where)
         for effect, where in zip(model.effects, model.effect_places, strict=True)
         if isinstance(effect, Slot)
     }
-    slots, places = zip(*(named[target] for target in block.slots), strict=True)
+    slots, places = zip(*(named[name] for name in block.slots), strict=True)
     return list(slots), list(places)
 
 

@@ -26,8 +26,8 @@ from campaigns.fit.effects import Layer, Moved
 from campaigns.fit.error_model import ErrorModel, Observations, frame_columns, moved_frames
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.fit.fit import Fit
-from campaigns.fit.kinds import Slot
 from campaigns.fit.rigid_transforms import Transform
+from campaigns.fit.slots import Slot
 
 FORMER, SIZES = "former", "sizes"
 """Rows of the budget: a former result as prior, and what the sizes of groups may be."""

@@ -4,21 +4,23 @@ Held-out observations are never fitted: their residuals are compared with what t
 the noise allow, χ² = r'(A C A' + V)⁻¹ r.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import scipy
 
-from campaigns.arrays import Array
+from campaigns.arrays import Array, Mask
 from campaigns.errors import OptionsInvalid, ShotsInvalid, ShotsMissing
 from campaigns.evaluation.decision import Decision, chance_of_larger, effective_dof
 from campaigns.files.wording import suggestion
 from campaigns.fit.error_model import Observations, first_frames
 from campaigns.fit.fit import Fit
-from campaigns.fit.kinds import FLAT_MM, FLAT_RAD, KINDS, Block, Slot
+from campaigns.fit.kinds import KINDS, Block, Bodies, Differentiated, differentiate
 from campaigns.fit.predicted_rows import predict_block
 from campaigns.fit.rigid_transforms import Transform
+from campaigns.fit.slots import Slot, SlotKind
 from campaigns.identification.findings import (
     HOLD_OUT_LEVEL,
     MOST_WRONG_SHOTS,
@@ -26,34 +28,38 @@ from campaigns.identification.findings import (
     WRONG_ROWS,
     Finding,
 )
+from campaigns.identification.objects import Object, linked
 from campaigns.kinematics.model import Kinematics
 
-FEWEST_HEIGHTS = 6
-"""Heights of a plane: three place it, the others are of the robot."""
+ROWS_OF_AN_UNKNOWN = 2
+"""Rows for each unknown of the surroundings of which nothing is known: six heights of a plane, of
+which three place it, and the others are of the robot."""
+START_MM = 1.0
+"""Residual beyond which rows count less where the search for the surroundings begins."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Measured:
-    """Observations of one kind at one target, as they were measured."""
+    """Observations of one kind at one object, as they were measured."""
 
     kind: str
-    """Word of `campaigns.fit.kinds.KINDS`: height, distance, reflector or probe."""
-    target: str
-    """Name of the bed, part, holder or probe."""
+    """Word of `campaigns.fit.kinds.KINDS`, such as height, distance, reflector or probe."""
+    object: Object
+    """What was measured: a bed, a part, a probe."""
     joints: Array
     """Encoder readings (M, n), rad or mm; (M, 2, n) of a distance."""
     values: Array
     """Heights or distances (M,), points (M, 3), or points and rotation vectors (M, 6); mm, rad.
-    Points and vectors are in the tracker's frame."""
-    std_mm: float | Sequence[float]
-    """1 σ of a value, or of each of its coordinates; of turns that of points 100 mm apart."""
-    surroundings: tuple[tuple[float, float], ...] = ()
-    """Value and 1 σ of what the target is known by: a distance's shrinkage as a ratio, a place
-    (x, y, z) of a reflector or a probe on the platform, mm. Nothing is known of planes."""
-    part: int | None = None
-    """Half of the platform that carries it; None: at the controlled point."""
+    Points and vectors that a tracker took are in its frame."""
+    std_mm: float | Sequence[float] | Array
+    """1 σ of a value, or of each of its rows (r,), or of those of each observation (M, r); of
+    turns that of points 100 mm apart."""
     held_out: bool = False
     """Whether these check the result, and are not fitted."""
+    moment: Array | None = None
+    """Time of each, (M,), s; None: no time is known."""
+    session: Array | None = None
+    """Number of the tracker's station of each, (M,), from 1; None: there is one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,9 +76,9 @@ NO_KINDS = OtherKinds()
 
 @dataclass(frozen=True, slots=True)
 class KindTest:
-    """Test of held-out observations of one kind and target."""
+    """Test of held-out observations of one kind and object."""
 
-    target: str
+    object: str
     kind: str
     count: int
     p: float
@@ -83,39 +89,37 @@ class KindTest:
     """That which the posterior and the noise state."""
 
 
-# Slots come from what is fitted: nothing would determine those of held-out observations alone.
+# Slots of which nothing is known come from what is fitted: held-out observations alone would not
+# determine them.
 def other_kinds(
     measured: Iterable[Measured], nominal: Kinematics, points: Observations | None = None
 ) -> OtherKinds:
     """Make blocks of observations; `points` place the tracker's frame for those of a tracker.
 
-    Raise `OptionsInvalid` for an unknown kind or part, or surroundings that are missing,
-    `ShotsMissing` for too few heights or nothing fitted, `ShotsInvalid` for values that are no
+    Raise `OptionsInvalid` for an unknown kind or part, or objects that contradict each other,
+    `ShotsMissing` for too few rows or nothing fitted, `ShotsInvalid` for values that are no
     numbers, or joints that lead to no assembly, `ValueError` for points that place no frame.
     """
     frame = None
     if points is not None:
         assembly = nominal.mechanism.assemble(nominal.p, points.joints, points.near)
         frame = first_frames(points, assembly.points, assembly.is_solved)[0][0]
+    measured = sorted(measured, key=lambda rows: rows.held_out)
+    linked(thing for rows in measured for thing in {rows.object, rows.object.support})
     blocks: dict[bool, list[Block]] = {False: [], True: []}
     slots: dict[str, Slot] = {}
-    kinds: dict[str, str] = {}
-    for rows in sorted(measured, key=lambda rows: rows.held_out):
+    lacking: dict[str, int] = {}
+    for rows in measured:
         block = _block_of(rows, nominal)
         blocks[rows.held_out].append(block)
-        if kinds.setdefault(rows.target, rows.kind) != rows.kind:
-            raise OptionsInvalid(
-                f"'{rows.target}' has {kinds[rows.target]}s and {rows.kind}s",
-                remedy="give each kind a target of its own",
-            )
-        if rows.target in slots:
-            continue
-        if rows.held_out:
+        flat = _add_slots(slots, rows.object, block, _seen(block, nominal, frame))
+        if flat and rows.held_out:
             raise ShotsMissing(
-                f"{rows.kind}s of {rows.target} are held out, but none is fitted",
+                f"{rows.kind}s of {rows.object.name} are held out, but none is fitted",
                 remedy="hold out some of them, and fit the others",
             )
-        slots[rows.target] = _slot_of(rows, block, nominal, frame)
+        lacking |= {name: ROWS_OF_AN_UNKNOWN * slots[name].count for name in flat}
+    _refuse_too_few(blocks[False], lacking)
     return OtherKinds(tuple(blocks[False]), tuple(blocks[True]), tuple(slots.values()))
 
 
@@ -125,74 +129,136 @@ def _block_of(rows: Measured, nominal: Kinematics) -> Block:
         raise OptionsInvalid(
             f"'{rows.kind}' is no kind of observation", remedy=suggestion(rows.kind, tuple(KINDS))
         )
-    kind = KINDS[rows.kind]
+    kind, name, part = KINDS[rows.kind], rows.object.name, rows.object.part
     axes, width = len(nominal.mechanism.joints), len(kind.columns)
     joints = np.asarray(rows.joints, dtype=np.float64).reshape(-1, kind.bodies, axes)
     values = np.asarray(rows.values, dtype=np.float64).reshape(-1, width)
     if len(joints) != len(values):
         raise ShotsInvalid(
-            f"{rows.target}: {len(values)} values of {len(joints)} observations",
+            f"{name}: {len(values)} values of {len(joints)} observations",
             remedy="give the joints of each value",
         )
-    if rows.kind == "height" and not rows.held_out and len(values) < FEWEST_HEIGHTS:
-        raise ShotsMissing(
-            f"{len(values)} heights of {rows.target}: they say nothing but where its plane is",
-            remedy=f"touch it at {FEWEST_HEIGHTS} places at least, better 30",
-        )
-    std = np.broadcast_to(np.asarray(rows.std_mm, dtype=np.float64), (width,))
-    if not (np.isfinite(values).all() and np.isfinite(std).all() and std.min() > 0.0):
+    std = np.broadcast_to(np.asarray(rows.std_mm, dtype=np.float64), (len(values), width))
+    if not (np.isfinite(values).all() and np.isfinite(std).all() and (std > 0.0).all()):
         raise ShotsInvalid(
-            f"{rows.target}: a value is no number, or a σ not above 0",
+            f"{name}: a value is no number, or a σ not above 0",
             remedy="leave out what was not measured, and state its σ",
         )
     try:
-        seen = replace(nominal, mechanism=nominal.mechanism.seen_from(rows.part))
+        seen = replace(nominal, mechanism=nominal.mechanism.seen_from(part))
     except ValueError as error:
         raise OptionsInvalid(
-            f"{rows.target}: {error}", remedy="leave out part for the controlled point"
+            f"{name}: {error}", remedy="leave out body for the controlled point"
         ) from error
     poses = seen.forward(joints.reshape(-1, axes))
     is_solved = poses.is_solved.reshape(len(joints), kind.bodies).all(axis=1)
     if not is_solved.all():
         raise ShotsInvalid(
-            f"{rows.target}: no assembly at the joints of observation {int(np.argmin(is_solved))}",
+            f"{name}: no assembly at the joints of observation {int(np.argmin(is_solved))}",
             remedy="look at the order and signs of joints, and at their units",
         )
+    owners = (_owner(slot, rows.object) for slot in kind.slots)
     return Block(
         kind=kind,
-        name=rows.target,
-        parts=(rows.part,) * kind.bodies,
+        name=name,
+        parts=(part,) * kind.bodies,
         joints=joints,
         near=poses.values.reshape(len(joints), kind.bodies, -1),
         values=values,
-        stated=np.broadcast_to(np.diag(std**2), (len(values), width, width)),
-        slots=(rows.target,),
+        stated=np.asarray(std[:, :, None] ** 2 * np.eye(width)),
+        slots=tuple(f"{s.name} of {o.name}" for s, o in zip(kind.slots, owners, strict=True)),
         frame=np.zeros(len(values), dtype=np.intp),
     )
 
 
-def _slot_of(rows: Measured, block: Block, nominal: Kinematics, frame: Transform | None) -> Slot:
-    """Return the unknowns of the surroundings of a block, with what is known of them."""
-    start = tuple(value for value, _ in rows.surroundings)
-    std = tuple(sigma for _, sigma in rows.surroundings)
-    wanted = {"height": 0, "distance": 1}.get(rows.kind, 3)
-    if len(start) != wanted:
-        what = {0: "none", 1: "a shrinkage and its σ"}.get(wanted, "a place of three and their σ")
-        raise OptionsInvalid(
-            f"{rows.kind}s of {rows.target} have {len(start)} surroundings, must have {what}",
-            remedy="give value and 1 σ of each",
+def _owner(slot: SlotKind, thing: Object) -> Object:
+    """Return the object of whose surroundings a slot is."""
+    return thing.support if slot.of_support else thing
+
+
+def _seen(block: Block, nominal: Kinematics, frame: Transform | None) -> list[Bodies]:
+    """Return the nominal bodies of a block in the frame in which its values are."""
+    bodies = []
+    for number, part in enumerate(block.parts):
+        poses = block.near[:, number]
+        axes = nominal.mechanism.seen_from(part).tool_axes(poses)
+        body = Bodies(poses[:, :3], axes)
+        if block.kind.by_tracker and frame is not None:
+            body = Bodies(frame.apply(body.place), np.asarray(frame.rotation @ axes))
+        bodies.append(body)
+    return bodies
+
+
+def _add_slots(
+    slots: dict[str, Slot], thing: Object, block: Block, bodies: Sequence[Bodies]
+) -> list[str]:
+    """Add a block's slots to those of others; return the names of new ones that nothing states."""
+    flat: dict[str, SlotKind] = {}
+    for kind, name in zip(block.kind.slots, block.slots, strict=True):
+        if name in slots:
+            continue
+        owner = _owner(kind, thing)
+        prior = owner.stated(kind.name)
+        if prior is None:
+            flat[name] = kind
+            prior = tuple(kind.begins(bodies[0].place)[0].tolist()), kind.flat
+        slots[name] = Slot(owner.name, kind.name, *prior)
+    if flat:
+        whole = np.concatenate([slots[name].start for name in block.slots])
+        sought = np.concatenate(
+            [np.full(slots[name].count, name in flat) for name in block.slots]
+        ).astype(bool)
+        begins = product(*(kind.begins(bodies[0].place) for kind in flat.values()))
+        solved = _search(block, bodies, whole, sought, map(np.concatenate, begins))
+        for name in flat:
+            count = slots[name].count
+            slots[name] = replace(slots[name], start=tuple(solved[:count].tolist()))
+            solved = solved[count:]
+    return list(flat)
+
+
+# Rows farther off than a millimetre count less, so that one that is wrong hardly moves the start.
+def _search(
+    block: Block, bodies: Sequence[Bodies], whole: Array, sought: Mask, begins: Iterable[Array]
+) -> Array:
+    """Return the values (u,) of the unknowns `sought` (s,) of slots that fit nominal bodies best.
+
+    `whole` (s,) are the values of all slots, `begins` those at which a search begins, (u,) each.
+    """
+
+    def at(values: Array) -> Differentiated:
+        slots = whole.copy()
+        slots[sought] = values
+        return differentiate(block.kind, block.values, bodies, slots)
+
+    def residual(values: Array) -> Array:
+        return at(values).residual.ravel()
+
+    def jacobian(values: Array) -> Array:
+        return at(values).by_slots[..., sought].reshape(-1, len(values))
+
+    searches = [
+        scipy.optimize.least_squares(
+            residual, begin, jacobian, x_scale="jac", loss="soft_l1", f_scale=START_MM
         )
-    if rows.kind == "height":
-        level = float((block.near[:, 0, 2] - block.values[:, 0]).mean())
-        return Slot(rows.target, (0.0, 0.0, level), (FLAT_RAD, FLAT_RAD, FLAT_MM))
-    if rows.kind == "probe" and frame is not None:
-        # T = (R A)⁻¹ M: how the probe is turned on the platform, by its mean over all poses
-        axes = nominal.mechanism.seen_from(rows.part).tool_axes(block.near[:, 0])
-        measured = scipy.spatial.transform.Rotation.from_rotvec(block.values[:, 3:])
-        seen = scipy.spatial.transform.Rotation.from_matrix(frame.rotation @ axes)
-        turn = (seen.inv() * measured).mean().as_rotvec()
-        start, std = (*start, *turn.tolist()), (*std, *(FLAT_RAD,) * 3)
-    return Slot(rows.target, start, std)
+        for begin in begins
+    ]
+    best = min(searches, key=lambda search: float(search.cost))
+    return np.asarray(best.x, dtype=np.float64)
+
+
+def _refuse_too_few(fitted: Iterable[Block], lacking: Mapping[str, int]) -> None:
+    """Raise `ShotsMissing` for slots of which nothing is known and that have too few rows."""
+    for name, least in lacking.items():
+        blocks = [block for block in fitted if name in block.slots]
+        count = sum(block.stated[..., 0].size for block in blocks)
+        if count < least:
+            first, width = blocks[0], blocks[0].stated.shape[-1]
+            raise ShotsMissing(
+                f"{sum(map(len, blocks))} {first.kind.name}s of {first.name}: they say nothing "
+                f"but what the {name} is",
+                remedy=f"measure {-(-least // width)} at least, better five times as many",
+            )
 
 
 def tested_by(blocks: Iterable[Block]) -> frozenset[str]:
@@ -250,7 +316,7 @@ def kind_findings(fit: Fit, tests: Iterable[KindTest]) -> Iterator[Finding]:
             yield Finding(WRONG_ROWS, says, decision, {"count": float(len(left_out))})
     for test in tests:
         says = (
-            f"{test.count} {test.kind}s of {test.target} that were not fitted: rms "
+            f"{test.count} {test.kind}s of {test.object} that were not fitted: rms "
             f"{test.rms_mm:.2g} mm, stated {test.stated_mm:.2g} mm (p = {test.p:.1g}, limit "
             f"{HOLD_OUT_LEVEL:g})"
         )

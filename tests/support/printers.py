@@ -4,10 +4,12 @@ import numpy as np
 from rod_campaigns import TRACKER_FROM_BASE, Errors, RodRobot
 
 from campaigns.fit.error_model import frame_columns
+from campaigns.identification.objects import Object
 from campaigns.identification.other_kinds import Measured
 from campaigns.robots.robot import parse_robot
 from campaigns.shots.shots import Shots
 
+BED = Object("bed")
 RADIUS_MM, ROD_MM, BED_MM = 174.75, 333.0, 100.0
 GRID_MM = np.linspace(-BED_MM, BED_MM, 7)
 DIRECTIONS = np.deg2rad([210.0, 330.0, 90.0])
@@ -77,7 +79,7 @@ class Printer:
         joints = self.touched(places, level_mm)
         values = level_mm + std_mm * self.rng.standard_normal(len(places))
         return Measured(
-            kind="height", target="bed", joints=joints, values=values, std_mm=std_mm,
+            kind="height", object=BED, joints=joints, values=values, std_mm=std_mm,
             held_out=held_out,
         )  # fmt: skip
 
@@ -92,9 +94,11 @@ class Printer:
         apart = np.linalg.norm(real[:, 0] - real[:, 1], axis=1)
         values = 0.998 * apart + std_mm * self.rng.standard_normal(12)
         values[list(wrong)] = 9.0
+        percent, std_percent = (None if ratio is None else 100.0 * ratio for ratio in shrinkage)
+        part = Object("part", shrinkage_percent=percent, shrinkage_std_percent=std_percent)
         return Measured(
-            kind="distance", target="part", joints=joints[pairs], values=values, std_mm=std_mm,
-            surroundings=(shrinkage,), held_out=held_out,
+            kind="distance", object=part, joints=joints[pairs], values=values, std_mm=std_mm,
+            held_out=held_out,
         )  # fmt: skip
 
     def points(self, count, *, pairs=10, std_mm=0.015):

@@ -9,26 +9,28 @@ from small_fits import FRAME, STATED_MM, model_of, observed
 
 from campaigns.fit.error_model import moved_frames
 from campaigns.fit.fit import estimate_sizes_and_noise, fit_model, log_evidence, update_weights
-from campaigns.fit.kinds import (
-    FLAT_MM,
-    FLAT_RAD,
-    KINDS,
-    TURN_LEVER_MM,
-    Block,
-    Bodies,
-    Slot,
-    differentiate,
-)
+from campaigns.fit.kinds import KINDS, TURN_LEVER_MM, Block, Bodies, differentiate
 from campaigns.fit.predicted_rows import predict_block
+from campaigns.fit.slots import FLAT_MM, FLAT_RAD, Slot
 from campaigns.fit.uncertainty import budget, length_std, null_directions, without_frame
 
 MIDDLE = FRAME.translation_mm
+PLACE = (20.0, -5.0, 40.0), (5.0, 5.0, 5.0)
 SLOTS = {
-    "height": Slot("bed", (1e-3, -2e-3, -700.0), (FLAT_RAD, FLAT_RAD, FLAT_MM)),
-    "distance": Slot("part", (0.002,), (0.003,)),
-    "reflector": Slot("holder", (20.0, -5.0, 40.0), (5.0, 5.0, 5.0)),
-    "probe": Slot("probe", (20.0, -5.0, 40.0, 0.3, -0.2, 0.9), (5.0,) * 3 + (FLAT_RAD,) * 3),
+    "plane": ((1e-3, -2e-3, -700.0), (FLAT_RAD, FLAT_RAD, FLAT_MM)),
+    "shrinkage": ((0.002,), (0.003,)),
+    "place": PLACE,
+    "turn": ((0.3, -0.2, 0.9), (FLAT_RAD,) * 3),
 }
+
+
+def slots_of(kind):
+    """The slots that a kind takes, all of one object."""
+    return tuple(Slot("thing", slot.name, *SLOTS[slot.name]) for slot in KINDS[kind].slots)
+
+
+def starts_of(kind):
+    return np.concatenate([slot.start for slot in slots_of(kind)])
 
 
 def block_of(kind, observations, *, parts=None, values=None, std_mm=STATED_MM):
@@ -38,13 +40,13 @@ def block_of(kind, observations, *, parts=None, values=None, std_mm=STATED_MM):
     width = len(kind.columns)
     return Block(
         kind=kind,
-        name=SLOTS[kind.name].target,
+        name="thing",
         parts=parts or (None,) * kind.bodies,
         joints=np.stack([observations.joints[row] for row in rows], axis=1),
         near=np.stack([observations.near[row] for row in rows], axis=1),
         values=np.zeros((count, width)) if values is None else values,
         stated=np.broadcast_to(std_mm**2 * np.eye(width), (count, width, width)),
-        slots=(SLOTS[kind.name].target,),
+        slots=tuple(slot.name for slot in slots_of(kind.name)),
         frame=observations.frame,
     )
 
@@ -60,7 +62,7 @@ def drawn(count=5, seed=1):
 
 @pytest.mark.parametrize("name", KINDS)
 def test_derivatives_are_those_of_differences(name):
-    kind, bodies, slots = KINDS[name], drawn(), np.array(SLOTS[name].start)
+    kind, bodies, slots = KINDS[name], drawn(), starts_of(name)
     bodies = bodies[: kind.bodies]
     values = np.random.default_rng(2).uniform(-0.5, 0.5, (5, len(kind.columns)))
     found, step = differentiate(kind, values, bodies, slots), 1e-5
@@ -127,14 +129,14 @@ CASES = [
 
 @pytest.mark.parametrize(("name", "kind", "parts"), CASES)
 def test_columns_of_a_block_are_those_of_differences(name, kind, parts):
-    model = model_of(name, effects=(SLOTS[kind],))
+    model = model_of(name, effects=slots_of(kind))
     rng = np.random.default_rng(3)
     block = block_of(kind, observed(model.with_effects(()), 6), parts=parts)
     values = rng.uniform(-0.2, 0.2, block.values.shape)
     values[:, :3] += FRAME.translation_mm[: values[:, :3].shape[1]]
     block = replace(block, values=values)
     x = 0.3 * rng.normal(size=model.size)
-    x[-SLOTS[kind].count :] *= 1e-3
+    x[-len(starts_of(kind)) :] *= 1e-3
     at = predict_block(model, x, (FRAME,), block, MIDDLE)
     step, size = 1e-4, model.size
 
@@ -154,7 +156,7 @@ def test_columns_of_a_block_are_those_of_differences(name, kind, parts):
 
 def test_bodies_at_one_shot_share_the_robots_scatter():
     """Two points of one shot move together, so that their distance has no scatter."""
-    model = model_of("delta", effects=(SLOTS["distance"],))
+    model = model_of("delta", effects=slots_of("distance"))
     observations = observed(model.with_effects(()), 6)
     block = block_of("distance", observations)
     x = np.zeros(model.size)
@@ -173,7 +175,7 @@ def _differences(values, bodies, slots):
 
 # --- sums over rows of any kind -------------------------------------------------------------------
 
-KNOWN = Slot("holder", (0.0, 0.0, 0.0), (1e-9, 1e-9, 1e-9))
+KNOWN = Slot("holder", "place", (0.0, 0.0, 0.0), (1e-9, 1e-9, 1e-9))
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +185,7 @@ def halves():
     x = 0.5 * np.random.default_rng(5).normal(size=len(truth.names))
     whole = observed(truth, 40, x=x)
     first, second = (whole.rows(np.arange(a, a + 20)) for a in (0, 20))
-    block = replace(block_of("reflector", second, values=second.points), slots=("holder",))
+    block = replace(block_of("reflector", second, values=second.points), slots=("place of holder",))
     both = replace(first, blocks=(block,))
     model = truth.with_effects((KNOWN,))
     return fit_model(truth, whole), fit_model(model, both)
@@ -267,8 +269,8 @@ def bed_campaign(seed=1, *, wrong=(), count=37):
     for row in wrong:
         heights[row] += 1.5
     block = block_of("height", replace(observations, joints=joints, near=poses))
-    slot = Slot("bed", (0.0, 0.0, c), (FLAT_RAD, FLAT_RAD, FLAT_MM))
-    block = replace(block, values=heights[:, None], slots=("bed",))
+    slot = Slot("bed", "plane", (0.0, 0.0, c), (FLAT_RAD, FLAT_RAD, FLAT_MM))
+    block = replace(block, values=heights[:, None], slots=("plane of bed",))
     alone = replace(observations.rows(np.zeros(0, dtype=int)), blocks=(block,))
     return model.with_effects((slot,)), alone, x, (a, b, c)
 
@@ -308,8 +310,8 @@ def test_a_tracker_needs_points_to_place_its_frame():
     model, observations, _, _ = bed_campaign()
     block = block_of("reflector", observed(model.with_effects(()), 6))
     seen = replace(observations, blocks=(block,))
-    model = model.with_effects((SLOTS["reflector"],))
-    with pytest.raises(ValueError, match="no points place the tracker's frame of holder"):
+    model = model.with_effects(slots_of("reflector"))
+    with pytest.raises(ValueError, match="no points place the tracker's frame of thing"):
         fit_model(model, seen)
 
 

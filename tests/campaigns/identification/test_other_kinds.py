@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from campaigns.api import find_robot, identify, sample_workspace
 from campaigns.errors import OptionsInvalid, ShotsInvalid, ShotsMissing
+from campaigns.identification.objects import Object
 from campaigns.identification.other_kinds import Measured
 from campaigns.shots.shots import Shots
 
@@ -195,10 +196,11 @@ def hexapod():
     noise = Rotation.from_rotvec(1e-4 * rng.standard_normal((80, 3)))
     turn = (noise * Rotation.from_matrix(TRACKER_FROM_BASE.rotation) * axes * TURN).as_rotvec()
     values = np.hstack([place + 0.01 * rng.standard_normal((80, 3)), turn])
+    thing = Object("probe", place_mm=tuple(PLACE_MM + 1.0), std_mm=2.0)
     probe = [
         Measured(
-            kind="probe", target="probe", joints=joints[rows], values=values[rows], std_mm=0.01,
-            surroundings=tuple((value + 1.0, 2.0) for value in PLACE_MM), held_out=held_out,
+            kind="probe", object=thing, joints=joints[rows], values=values[rows], std_mm=0.01,
+            held_out=held_out,
         )
         for rows, held_out in ((slice(28, 68), False), (slice(68, 80), True))
     ]  # fmt: skip
@@ -240,7 +242,7 @@ def test_a_probe_without_points_has_no_frame(hexapod):
 
 PLACES = np.zeros((8, 3))
 BEYOND = np.tile([1e5, 0.0, 0.0], (8, 1))
-BED = {"kind": "height", "target": "bed", "std_mm": 0.01}
+BED = {"kind": "height", "object": Object("bed"), "std_mm": 0.01}
 
 
 def bed(count, **changed):
@@ -255,18 +257,18 @@ def bed(count, **changed):
         ([bed(5)], ShotsMissing, "5 heights of bed"),
         ([bed(8, values=np.zeros(7))], ShotsInvalid, "7 values of 8 observations"),
         ([bed(8, joints=BEYOND)], ShotsInvalid, "no assembly at the joints of"),
-        ([bed(8, surroundings=((0.0, 1.0),))], OptionsInvalid, "1 surroundings, must have none"),
-        ([bed(8, kind="reflector", values=PLACES)], OptionsInvalid, "place of three"),
+        (
+            [bed(8, kind="reflector", values=PLACES, object=Object("r", place_mm=(0.0, 0.0, 1.0)))],
+            OptionsInvalid,
+            "r: a place of .* with 1 σ of None",
+        ),
         ([bed(8, held_out=True)], ShotsMissing, "held out, but none is fitted"),
         ([], ShotsMissing, "nothing was observed"),
         ([bed(8, values=np.full(8, np.nan))], ShotsInvalid, "a value is no number"),
         ([bed(8, std_mm=0.0)], ShotsInvalid, "σ not above 0"),
-        ([bed(8, part=3)], OptionsInvalid, "bed: "),
-        (
-            [bed(8), bed(8, kind="reflector", values=PLACES)],
-            OptionsInvalid,
-            "heights and reflectors",
-        ),
+        ([bed(8, object=Object("bed", "half 3"))], OptionsInvalid, "'half 3' is no part"),
+        ([bed(8, object=Object("bed", "half 2"))], OptionsInvalid, "bed: a platform of one part"),
+        ([bed(8), bed(8, object=Object("bed", "tool"))], OptionsInvalid, "two objects are called"),
     ],
 )
 def test_observations_that_cannot_be_fitted_are_refused(rows, error, says):
