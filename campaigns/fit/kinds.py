@@ -19,7 +19,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.arrays import AXES, Array, Index
-from campaigns.fit.slots import PLACE, PLANE, SHRINKAGE, TURN, SlotKind
+from campaigns.fit.slots import (
+    AXIS,
+    CENTRE,
+    FACE,
+    FIRST_PLACE,
+    FRAME,
+    GRAVITY,
+    HEIGHT,
+    LENGTH,
+    PLACE,
+    PLANE,
+    SEAT,
+    SHRINKAGE,
+    TIP,
+    TURN,
+    SlotKind,
+)
 from campaigns.kinematics.limbs import STEP
 from campaigns.kinematics.rotations import matrices_of, turn_between
 
@@ -53,17 +69,32 @@ class Kind:
     name: str
     words: str
     rows: Rows
-    """Rows (…, M, r) of values (M, v), one or more `Bodies` and slots (…, 1, s)."""
+    """Rows (…, M, r) of values (…, M, v), one or more `Bodies` and slots (…, 1, s)."""
     columns: tuple[str, ...]
-    """Columns of its values: as many as it has rows."""
+    """Columns of its values: as many as it has rows, but for what `width` says."""
     slots: tuple[SlotKind, ...]
     """Slots, in the order of the function's argument."""
-    checks: tuple[str, ...]
+    checks: tuple[str, ...] = ()
     """Quantities of which held-out observations of this kind are a test."""
     bodies: int = 1
-    """Number of bodies of an observation, each at joints of its own."""
+    """Number of bodies of an observation."""
+    poses: int = 1
+    """Number of poses of an observation: 1, all bodies at the same one, or one for each body."""
     by_tracker: bool = False
     """Whether values are in the frame of a tracker, with its errors."""
+    one_row: bool = False
+    """Whether it has one row whatever the number of its values."""
+
+    @property
+    def width(self) -> int:
+        """Number r of its rows."""
+        return 1 if self.one_row else len(self.columns)
+
+    @property
+    def points(self) -> tuple[slice, ...]:
+        """Places among the values of the points that a tracker took."""
+        starts = [n for n, column in enumerate(self.columns) if column in ("x_mm", "x2_mm")]
+        return tuple(slice(start, start + 3) for start in starts if self.by_tracker)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,6 +145,8 @@ class Differentiated:
     """By a small turn of each body about the axes of its frame, (M, r, 3), mm per rad."""
     by_slots: Array
     """By the slots, (M, r, s), mm per mm, rad or ratio."""
+    by_values: Array
+    """By the values, (M, r, v)."""
 
 
 # One evaluation for each coordinate of all bodies, stepped into the imaginary direction.
@@ -122,29 +155,39 @@ def differentiate(
 ) -> Differentiated:
     """Return the rows of values (M, v) at bodies and slots (s,), with all derivatives."""
 
-    def stepped(moved: Sequence[Bodies], at: Array, width: int) -> Array:
-        rows = np.asarray(kind.rows(values, moved, at)).imag / STEP
-        shape = (width, len(values), len(kind.columns))
-        return np.moveaxis(np.broadcast_to(rows, shape), 0, -1)
+    def stepped(at: Array, moved: Sequence[Bodies], of_slots: Array, width: int) -> Array:
+        rows = np.asarray(kind.rows(at, moved, of_slots)).imag / STEP
+        return np.moveaxis(np.broadcast_to(rows, (width, len(values), kind.width)), 0, -1)
 
     def with_body(number: int, moved: Bodies) -> list[Bodies]:
         return [*bodies[:number], moved, *bodies[number + 1 :]]
 
-    step = np.asarray(1j * STEP * np.eye(3))[:, None]
+    def steps(count: int) -> Array:
+        return np.asarray(1j * STEP * np.eye(count)[:, None])
+
     place, turn = [], []
     for number, body in enumerate(bodies):
-        shifted = Bodies(np.asarray(body.place + step), body.axes)
+        shifted = Bodies(np.asarray(body.place + steps(3)), body.axes)
         by_turn = np.asarray(1j * STEP * (TURNS[:, None] @ body.axes))
         turned = Bodies(body.place, np.asarray(body.axes + by_turn))
-        place.append(stepped(with_body(number, shifted), slots[None], 3))
-        turn.append(stepped(with_body(number, turned), slots[None], 3))
-    count = len(slots)
-    by_slots = stepped(bodies, np.asarray(slots + 1j * STEP * np.eye(count)[:, None]), count)
-    residual = np.asarray(kind.rows(values, bodies, slots[None]))
-    return Differentiated(residual, tuple(place), tuple(turn), by_slots)
+        place.append(stepped(values, with_body(number, shifted), slots[None], 3))
+        turn.append(stepped(values, with_body(number, turned), slots[None], 3))
+    count, size = len(slots), values.shape[1]
+    return Differentiated(
+        residual=np.asarray(kind.rows(values, bodies, slots[None])),
+        by_place=tuple(place),
+        by_turn=tuple(turn),
+        by_slots=stepped(values, bodies, np.asarray(slots + steps(count)), count),
+        by_values=stepped(np.asarray(values + steps(size)), bodies, slots[None], size),
+    )
 
 
 # --- the kinds ------------------------------------------------------------------------------------
+
+
+def _length(apart: Array) -> Array:
+    """Return the lengths (…, 1) of vectors (…, 3)."""
+    return np.asarray(np.sqrt((apart * apart).sum(axis=-1, keepdims=True)))
 
 
 def _height(values: Array, bodies: Sequence[Bodies], slots: Array) -> Array:
@@ -154,12 +197,15 @@ def _height(values: Array, bodies: Sequence[Bodies], slots: Array) -> Array:
     return np.asarray((z - a * x - b * y - c) / np.sqrt(1.0 + a * a + b * b) - values)
 
 
+def _block(values: Array, bodies: Sequence[Bodies], slots: Array) -> Array:
+    """Return how far points are above what stands on a plane, less their heights above that."""
+    return _height(values, bodies, slots) - slots[..., 3:]
+
+
 # Callipers measure what the nozzle drew, after the part shrank.
 def _distance(values: Array, bodies: Sequence[Bodies], slots: Array) -> Array:
     """Return the distances of two points, less their shrinkage and the measured ones."""
-    apart = bodies[1].place - bodies[0].place
-    length = np.sqrt((apart * apart).sum(axis=-1, keepdims=True))
-    return np.asarray(length * (1.0 - slots) - values)
+    return np.asarray(_length(bodies[1].place - bodies[0].place) * (1.0 - slots) - values)
 
 
 def _reflector(values: Array, bodies: Sequence[Bodies], slots: Array) -> Array:
@@ -167,27 +213,97 @@ def _reflector(values: Array, bodies: Sequence[Bodies], slots: Array) -> Array:
     return bodies[0].point(slots) - values
 
 
+def _reflectors(values: Array, bodies: Sequence[Bodies], slots: Array) -> Array:
+    """Return the places of two reflectors, each on its body, less the measured ones."""
+    points = [body.point(slots[..., 3 * n : 3 * n + 3]) for n, body in enumerate(bodies)]
+    return np.asarray(np.concatenate(np.broadcast_arrays(*points), axis=-1) - values)
+
+
+def _span(values: Array, bodies: Sequence[Bodies], slots: Array) -> Array:
+    """Return the distances of a reflector at two poses, less those of the measured points."""
+    apart = bodies[1].point(slots) - bodies[0].point(slots)
+    return _length(apart) - _length(values[..., 3:] - values[..., :3])
+
+
 # The probe's axes are the body's after a turn, which is a slot: T = R exp(ω×). Turns compare as
 # rows in mm, at a lever.
 def _probe(values: Array, bodies: Sequence[Bodies], slots: Array) -> Array:
     """Return the places of a probe less the measured ones, and its turn from the measured one."""
-    points = bodies[0].point(slots[..., :3]) - values[:, :3]
+    points = bodies[0].point(slots[..., :3]) - values[..., :3]
     turned = bodies[0].axes @ matrices_of(slots[..., 3:])
-    turns = turn_between(matrices_of(values[:, 3:]), turned)
+    turns = turn_between(matrices_of(values[..., 3:]), turned)
     return np.concatenate(np.broadcast_arrays(points, TURN_LEVER_MM * turns), axis=-1)
 
 
-POINT = tuple(f"{axis}_mm" for axis in AXES)
+def _ball_bar(values: Array, bodies: Sequence[Bodies], slots: Array) -> Array:
+    """Return by how much a ball is farther from a fixed one than the bar's length, less readings.
+
+    Slots are the fixed ball's centre, the place of the other one on its body, and the length.
+    """
+    apart = bodies[0].point(slots[..., 3:6]) - slots[..., :3]
+    return np.asarray(_length(apart) - slots[..., 6:] - values)
+
+
+def _place(values: Array, bodies: Sequence[Bodies], slots: Array) -> Array:
+    """Return where points are, less where they touch a nest: at values from its seat on a plate."""
+    on_plate = slots[..., 6:] + values
+    turned = (matrices_of(slots[..., 3:6]) @ on_plate[..., None])[..., 0]
+    return np.asarray(bodies[0].place - slots[..., :3] - turned)
+
+
+# The face's normal is the gauge's axis g with slopes a and b along two directions across it:
+# n = g + a u + b v. The gauge, turned with its body, meets the face at a distance along itself.
+def _edge(values: Array, bodies: Sequence[Bodies], slots: Array) -> Array:
+    """Return how far a gauge is pressed in by a straight edge or a face, less its readings."""
+    axis, tip = slots[..., 3:6], slots[..., 6:]
+    aside = np.eye(3)[np.argmin(np.abs(axis.real).reshape(-1, 3)[0])]
+    u = np.cross(axis, aside)
+    normal = axis + slots[..., :1] * u + slots[..., 1:2] * np.cross(axis, u)
+    along = (bodies[0].axes @ axis[..., None])[..., 0]
+    beyond = (bodies[0].point(tip) * normal).sum(axis=-1, keepdims=True) - slots[..., 2:3]
+    return np.asarray(beyond / (along * normal).sum(axis=-1, keepdims=True) - values)
+
+
+# An inclinometer turned about its x by α has its y axis raised by sin α, and one turned about its y
+# has its x axis lowered.
+def _inclinometer(values: Array, bodies: Sequence[Bodies], slots: Array) -> Array:
+    """Return the tilts of an inclinometer about its x and y less the measured ones, at a lever."""
+    up = np.concatenate([slots[..., :2], np.ones_like(slots[..., :1])], axis=-1) / np.sqrt(
+        1.0 + (slots[..., :2] ** 2).sum(axis=-1, keepdims=True)
+    )
+    axes = bodies[0].axes @ matrices_of(slots[..., 2:])
+    raised = (axes.swapaxes(-1, -2) @ up[..., None])[..., 0]
+    tilts = np.arcsin(np.stack([raised[..., 1], -raised[..., 0]], axis=-1))
+    return np.asarray(TURN_LEVER_MM * (tilts - values))
+
+
+POINT, SECOND = (tuple(f"{axis}{of}_mm" for axis in AXES) for of in ("", "2"))
+VALUE = ("value_mm",)
+SPACE = ("position", "flat", "xy")
 KINDS: Mapping[str, Kind] = {
     kind.name: kind
     for kind in (
-        Kind("height", "height above a plane", _height, ("value_mm",), (PLANE,), ("flat",)),
-        Kind("distance", "distance on a part that was drawn", _distance, ("value_mm",),
-             (SHRINKAGE,), ("xy",), bodies=2),
+        Kind("height", "height above a plane", _height, VALUE, (PLANE,), ("flat",)),
+        Kind("block", "height above a block that stands on a plane", _block, VALUE,
+             (PLANE, HEIGHT)),
+        Kind("distance", "distance on a part that was drawn", _distance, VALUE, (SHRINKAGE,),
+             ("xy",), bodies=2, poses=2),
         Kind("reflector", "point of a reflector on a part of the platform", _reflector, POINT,
              (PLACE,), ("position",), by_tracker=True),
+        Kind("reflectors", "points of two reflectors at one pose", _reflectors, POINT + SECOND,
+             (FIRST_PLACE, PLACE), ("position", "rotation"), bodies=2, by_tracker=True),
+        Kind("span", "distance of a reflector between two poses", _span, POINT + SECOND, (PLACE,),
+             SPACE, bodies=2, poses=2, by_tracker=True, one_row=True),
         Kind("probe", "pose of a probe", _probe, (*POINT, "rx_deg", "ry_deg", "rz_deg"),
              (PLACE, TURN), ("position", "rotation"), by_tracker=True),
+        Kind("ball-bar", "reading of a bar from a fixed ball", _ball_bar, VALUE,
+             (CENTRE, PLACE, LENGTH)),
+        Kind("place", "place at a nest, seen from it", _place, POINT, (FRAME, SEAT),
+             ("position",)),
+        Kind("edge", "reading of a gauge along a straight edge or a face", _edge, VALUE,
+             (FACE, AXIS, TIP)),
+        Kind("inclinometer", "tilts of an inclinometer", _inclinometer, ("rx_deg", "ry_deg"),
+             (GRAVITY, TURN)),
     )
 }  # fmt: skip
 """All kinds by name."""

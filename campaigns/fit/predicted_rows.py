@@ -87,11 +87,14 @@ def predict_block(
         jacobian[..., where] = columns[..., begin : begin + slot.count]
         begin += slot.count
     if block.kind.by_tracker:
-        for source, column in tracker_columns(block.values[:, :3], middle).items():
-            if source in model.names:
-                place = model.names.index(source)
-                jacobian[:, :3, place] = column * model.tolerance[place]
-                residual[:, :3] += x[place] * jacobian[:, :3, place]
+        # the tracker's errors come to predicted points, and so to rows as less of the values does
+        for point in block.kind.points:
+            columns_of = tracker_columns(block.values[:, point], middle)
+            for place, source in enumerate(model.names):
+                if source in columns_of:
+                    column = -(at.by_values[..., point] @ columns_of[source][..., None])[..., 0]
+                    jacobian[..., place] += column * model.tolerance[place]
+                    residual += x[place] * column * model.tolerance[place]
         by_frame = _by_frame(at, [body.place - shift for body in seen])
         for number in range(len(frames)):
             of_frame, first = block.frame == number, size + 6 * number

@@ -6,7 +6,7 @@ it begins, which follows from where the nominal robot was at the observations.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -71,7 +71,7 @@ class SlotKind:
 
     name: str
     flat: tuple[float, ...]
-    """1 σ of each unknown where nothing is known of it, mm, rad or ratios."""
+    """1 σ of each unknown where nothing is stated of it, mm, rad or ratios; 0: as it begins."""
     begins: Callable[[Array], Array]
     """Values (k, s) from which it is searched, by the nominal points (M, 3) of the observations."""
     of_support: bool = False
@@ -95,10 +95,48 @@ def _quarters(_: Array) -> Array:
     return np.array([np.zeros(3), *quarters, *(np.pi * np.eye(3))])
 
 
+# |X|² = 2 c'X + (ρ² - |c|²) is linear in the centre c. Of points on a circle the centres on both
+# sides of it are searched from too.
+def _centres(points: Array) -> Array:
+    """Return centres (3, 3) of spheres through points (M, 3), or near such ones."""
+    middle = points.mean(axis=0)
+    aside = points - middle
+    square = (aside**2).sum(axis=1)
+    columns = np.column_stack([2.0 * aside, np.ones(len(points))])
+    centre = np.linalg.lstsq(columns, square, rcond=1e-6)[0][:3]
+    normal = np.linalg.svd(aside, full_matrices=True)[2][-1]
+    return np.asarray(middle + centre + np.outer([0.0, -100.0, 100.0], normal))
+
+
+def _frames(points: Array) -> Array:
+    """Return frames (10, 6), place and rotation vector, in the middle of points (M, 3)."""
+    turns = _quarters(points)
+    return np.hstack([np.tile(points.mean(axis=0), (len(turns), 1)), turns])
+
+
 PLANE = SlotKind("plane", (FLAT_RAD, FLAT_RAD, FLAT_MM), _level, of_support=True)
 """Slopes a, b and height c of a plane z = a x + b y + c."""
+HEIGHT = SlotKind("height", (FLAT_MM,), _zeros(1))
+"""Height of an object above what it stands on."""
 SHRINKAGE = SlotKind("shrinkage", (FLAT_RAD,), _zeros(1))
 PLACE = SlotKind("place", (FLAT_MM,) * 3, _zeros(3))
 """Place on a body, in its axes."""
+FIRST_PLACE = replace(PLACE, of_support=True)
+"""Place of the first of two reflectors: the second one goes with it."""
 TURN = SlotKind("turn", (FLAT_RAD,) * 3, _quarters)
 """Rotation vector from a body's axes to those of what sits on it."""
+CENTRE = SlotKind("centre", (FLAT_MM,) * 3, _centres, of_support=True)
+"""Centre of a fixed ball in the base frame."""
+LENGTH = SlotKind("length", (FLAT_MM,), _zeros(1))
+FRAME = SlotKind("frame", (FLAT_MM,) * 3 + (FLAT_RAD,) * 3, _frames, of_support=True)
+"""Place and rotation vector of a plate in the base frame."""
+SEAT = SlotKind("seat", (0.0,) * 3, _zeros(3))
+"""Place of a nest on its plate, in the plate's axes; where none is stated, the plate's origin."""
+TIP = SlotKind("tip", (0.0,) * 3, _zeros(3))
+"""Place of a gauge's tip on its body; where none is stated, the controlled point."""
+AXIS = SlotKind("axis", (0.0,) * 3, lambda _: np.eye(3)[2:])
+"""Direction on its body in which a gauge is pressed; where none is stated, its z."""
+FACE = SlotKind("face", (FLAT_RAD, FLAT_RAD, FLAT_MM), _zeros(3), of_support=True)
+"""Two slopes of a face against the gauge's axis, and its place along that."""
+GRAVITY = SlotKind("gravity", (FLAT_RAD,) * 2, _zeros(2), of_support=True)
+"""Slopes of the vertical in the base frame: it is along (a, b, 1)."""

@@ -47,10 +47,10 @@ class Measured:
     object: Object
     """What was measured: a bed, a part, a probe."""
     joints: Array
-    """Encoder readings (M, n), rad or mm; (M, 2, n) of a distance."""
+    """Encoder readings (M, n), rad or mm; (M, 2, n) of what is between two poses."""
     values: Array
-    """Heights or distances (M,), points (M, 3), or points and rotation vectors (M, 6); mm, rad.
-    Points and vectors that a tracker took are in its frame."""
+    """Values in the order of the kind's columns, (M, v) or (M,), mm and rad; those that a tracker
+    took are in its frame."""
     std_mm: float | Sequence[float] | Array
     """1 σ of a value, or of each of its rows (r,), or of those of each observation (M, r); of
     turns that of points 100 mm apart."""
@@ -129,10 +129,10 @@ def _block_of(rows: Measured, nominal: Kinematics) -> Block:
         raise OptionsInvalid(
             f"'{rows.kind}' is no kind of observation", remedy=suggestion(rows.kind, tuple(KINDS))
         )
-    kind, name, part = KINDS[rows.kind], rows.object.name, rows.object.part
-    axes, width = len(nominal.mechanism.joints), len(kind.columns)
-    joints = np.asarray(rows.joints, dtype=np.float64).reshape(-1, kind.bodies, axes)
-    values = np.asarray(rows.values, dtype=np.float64).reshape(-1, width)
+    kind, name = KINDS[rows.kind], rows.object.name
+    axes, width = len(nominal.mechanism.joints), kind.width
+    joints = np.asarray(rows.joints, dtype=np.float64).reshape(-1, kind.poses, axes)
+    values = np.asarray(rows.values, dtype=np.float64).reshape(-1, len(kind.columns))
     if len(joints) != len(values):
         raise ShotsInvalid(
             f"{name}: {len(values)} values of {len(joints)} observations",
@@ -144,31 +144,51 @@ def _block_of(rows: Measured, nominal: Kinematics) -> Block:
             f"{name}: a value is no number, or a σ not above 0",
             remedy="leave out what was not measured, and state its σ",
         )
+    parts, joints = _parts_of(rows), np.repeat(joints, kind.bodies // kind.poses, axis=1)
+    near = [_near(nominal, name, part, joints[:, n]) for n, part in enumerate(parts)]
+    owners = (_owner(slot, rows.object) for slot in kind.slots)
+    return Block(
+        kind=kind,
+        name=name,
+        parts=parts,
+        joints=joints,
+        near=np.stack(near, axis=1),
+        values=values,
+        stated=np.asarray(std[:, :, None] ** 2 * np.eye(width)),
+        slots=tuple(f"{s.name} of {o.name}" for s, o in zip(kind.slots, owners, strict=True)),
+        frame=np.zeros(len(values), dtype=np.intp),
+    )
+
+
+# Two bodies at one pose are the object and what it goes with.
+def _parts_of(rows: Measured) -> tuple[int | None, ...]:
+    """Return the parts of the platform that carry the bodies of an observation."""
+    kind, thing = KINDS[rows.kind], rows.object
+    if kind.bodies == kind.poses:
+        return (thing.part,) * kind.bodies
+    if thing.on is None:
+        raise OptionsInvalid(
+            f"{rows.kind} of {thing.name}: they are two, and only one is named",
+            remedy=f"name the first one by `on` of {thing.name}",
+        )
+    return thing.support.part, thing.part
+
+
+def _near(nominal: Kinematics, name: str, part: int | None, joints: Array) -> Array:
+    """Return the poses (M, t) of a body at joints (M, n) by the nominal robot."""
     try:
         seen = replace(nominal, mechanism=nominal.mechanism.seen_from(part))
     except ValueError as error:
         raise OptionsInvalid(
             f"{name}: {error}", remedy="leave out body for the controlled point"
         ) from error
-    poses = seen.forward(joints.reshape(-1, axes))
-    is_solved = poses.is_solved.reshape(len(joints), kind.bodies).all(axis=1)
-    if not is_solved.all():
+    poses = seen.forward(joints)
+    if not poses.is_solved.all():
         raise ShotsInvalid(
-            f"{name}: no assembly at the joints of observation {int(np.argmin(is_solved))}",
+            f"{name}: no assembly at the joints of observation {int(np.argmin(poses.is_solved))}",
             remedy="look at the order and signs of joints, and at their units",
         )
-    owners = (_owner(slot, rows.object) for slot in kind.slots)
-    return Block(
-        kind=kind,
-        name=name,
-        parts=(part,) * kind.bodies,
-        joints=joints,
-        near=poses.values.reshape(len(joints), kind.bodies, -1),
-        values=values,
-        stated=np.asarray(std[:, :, None] ** 2 * np.eye(width)),
-        slots=tuple(f"{s.name} of {o.name}" for s, o in zip(kind.slots, owners, strict=True)),
-        frame=np.zeros(len(values), dtype=np.intp),
-    )
+    return poses.values
 
 
 def _owner(slot: SlotKind, thing: Object) -> Object:
@@ -200,7 +220,8 @@ def _add_slots(
         owner = _owner(kind, thing)
         prior = owner.stated(kind.name)
         if prior is None:
-            flat[name] = kind
+            if any(kind.flat):
+                flat[name] = kind
             prior = tuple(kind.begins(bodies[0].place)[0].tolist()), kind.flat
         slots[name] = Slot(owner.name, kind.name, *prior)
     if flat:

@@ -20,13 +20,25 @@ SLOTS = {
     "plane": ((1e-3, -2e-3, -700.0), (FLAT_RAD, FLAT_RAD, FLAT_MM)),
     "shrinkage": ((0.002,), (0.003,)),
     "place": PLACE,
+    "height": ((30.0,), (0.01,)),
+    "centre": ((10.0, 20.0, -900.0), (FLAT_MM,) * 3),
+    "length": ((200.0,), (0.001,)),
+    "frame": ((5.0, -8.0, -700.0, 0.1, -0.2, 0.3), (FLAT_MM,) * 3 + (FLAT_RAD,) * 3),
+    "seat": ((80.0, 20.0, 5.0), (0.01,) * 3),
+    "tip": PLACE,
+    "axis": ((0.6, 0.8, 0.0), (0.01,) * 3),
+    "face": ((0.01, -0.02, 30.0), (FLAT_RAD, FLAT_RAD, FLAT_MM)),
+    "gravity": ((0.01, -0.02), (FLAT_RAD,) * 2),
     "turn": ((0.3, -0.2, 0.9), (FLAT_RAD,) * 3),
 }
 
 
 def slots_of(kind):
-    """The slots that a kind takes, all of one object."""
-    return tuple(Slot("thing", slot.name, *SLOTS[slot.name]) for slot in KINDS[kind].slots)
+    """The slots that a kind takes, of one object and what it stands on."""
+    return tuple(
+        Slot("base" if slot.of_support else "thing", slot.name, *SLOTS[slot.name])
+        for slot in KINDS[kind].slots
+    )
 
 
 def starts_of(kind):
@@ -36,15 +48,15 @@ def starts_of(kind):
 def block_of(kind, observations, *, parts=None, values=None, std_mm=STATED_MM):
     """A block of a kind at the joints of observations; of two bodies one at the next row's."""
     kind, count = KINDS[kind], len(observations)
-    rows = [np.roll(np.arange(count), -place) for place in range(kind.bodies)]
-    width = len(kind.columns)
+    rows = [np.roll(np.arange(count), -place % kind.poses) for place in range(kind.bodies)]
+    width = kind.width
     return Block(
         kind=kind,
         name="thing",
         parts=parts or (None,) * kind.bodies,
         joints=np.stack([observations.joints[row] for row in rows], axis=1),
         near=np.stack([observations.near[row] for row in rows], axis=1),
-        values=np.zeros((count, width)) if values is None else values,
+        values=np.zeros((count, len(kind.columns))) if values is None else values,
         stated=np.broadcast_to(std_mm**2 * np.eye(width), (count, width, width)),
         slots=tuple(slot.name for slot in slots_of(kind.name)),
         frame=observations.frame,
@@ -91,6 +103,10 @@ def test_derivatives_are_those_of_differences(name):
     for place, unit in enumerate(np.eye(len(slots))):
         by_slot = difference(lambda by, unit=unit: (bodies, (slots + by * unit)[None]))
         assert found.by_slots[..., place] == pytest.approx(by_slot, rel=1e-5, abs=1e-4)
+    for place, unit in enumerate(1e-5 * np.eye(values.shape[1])):
+        ahead, behind = (kind.rows(values + by, bodies, slots[None]) for by in (unit, -unit))
+        by_value = (ahead - behind) / 2e-5
+        assert found.by_values[..., place] == pytest.approx(by_value, rel=1e-5, abs=1e-4)
 
 
 def test_rows_are_what_instruments_measure():
@@ -116,6 +132,58 @@ def test_rows_are_what_instruments_measure():
     assert rows == pytest.approx(np.tile(expected, (5, 1)), abs=1e-6)
 
 
+def test_rows_of_balls_nests_and_gauges_are_what_they_measure():
+    body, other = drawn()
+    place, turned = np.array([10.0, 20.0, 30.0]), Rotation.from_rotvec([0.3, -0.2, 0.9])
+    tips = np.stack([r @ place + x for r, x in zip(body.axes, body.place, strict=True)])
+    above = KINDS["block"].rows(np.full((5, 1), 0.5), [body], np.array([[0.0, 0.0, 7.0, 30.0]]))
+    assert above[:, 0] == pytest.approx(body.place[:, 2] - 37.5)
+    slots = np.r_[place, 2.0 * place][None]
+    twice = np.stack([r @ (2 * place) + x for r, x in zip(other.axes, other.place, strict=True)])
+    rows = KINDS["reflectors"].rows(np.hstack([tips, twice - 1.0]), [body, other], slots)
+    assert rows == pytest.approx(np.tile([0.0, 0.0, 0.0, 1.0, 1.0, 1.0], (5, 1)))
+    once = np.stack([r @ place + x for r, x in zip(other.axes, other.place, strict=True)])
+    # in whatever frame the tracker is
+    seen = np.hstack([FRAME.apply(tips), FRAME.apply(once)])
+    assert KINDS["span"].rows(seen, [body, other], place[None]) == pytest.approx(0.0, abs=1e-9)
+    centre = np.array([50.0, -20.0, 400.0])
+    reading = np.linalg.norm(tips - centre, axis=1)[:, None] - 250.0
+    slots = np.r_[centre, place, 250.0][None]
+    assert KINDS["ball-bar"].rows(reading, [body], slots) == pytest.approx(0.0, abs=1e-9)
+    beyond = turned.inv().apply(body.place - centre) - place
+    slots = np.r_[centre, turned.as_rotvec(), place][None]
+    assert KINDS["place"].rows(beyond, [body], slots) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_gauge_is_pressed_in_by_as_much_as_it_is_beyond_the_face():
+    """The plunger's way along itself from a plane through three points of the face."""
+    body, _ = drawn()
+    axis, tip, a, b, c = np.array([0.0, 1.0, 0.0]), np.array([5.0, 8.0, -3.0]), 0.05, -0.1, 12.0
+    level = Rotation.from_rotvec(0.1 * Rotation.from_matrix(body.axes).as_rotvec())
+    body = replace(body, axes=level.as_matrix())
+    slots = np.r_[a, b, c, axis, tip][None]
+    rows = KINDS["edge"].rows(np.zeros((5, 1)), [body], slots)[:, 0]
+    surface = body.place + level.apply(tip) - rows[:, None] * level.apply(axis)
+    # all five points are on one plane across the axis
+    normal = np.linalg.svd(surface - surface.mean(axis=0))[2][2]
+    assert (surface - surface.mean(axis=0)) @ normal == pytest.approx(0.0, abs=1e-9)
+    assert abs(normal @ axis) == pytest.approx(1.0 / np.sqrt(1.0 + a * a + b * b))
+    pressed = replace(body, place=body.place + level.apply(0.25 * axis))
+    more = KINDS["edge"].rows(np.zeros((5, 1)), [pressed], slots)[:, 0]
+    assert more - rows == pytest.approx(0.25)
+
+
+def test_an_inclinometer_reads_how_far_it_was_turned_from_level():
+    mounting, gravity = Rotation.from_rotvec([0.2, -0.1, 1.3]), np.array([0.02, -0.01, 1.0])
+    upright, _ = Rotation.align_vectors([gravity], [[0.0, 0.0, 1.0]])
+    slots = np.r_[gravity[:2], mounting.as_rotvec()][None]
+    for tilt in ([0.05, 0.0, 0.0], [0.0, -0.08, 0.0]):
+        sensor = upright * Rotation.from_euler("z", 0.7) * Rotation.from_rotvec(tilt)
+        body = Bodies(np.zeros((1, 3)), (sensor * mounting.inv()).as_matrix()[None])
+        rows = KINDS["inclinometer"].rows(np.array([tilt[:2]]), [body], slots)
+        assert rows == pytest.approx(0.0, abs=1e-9)
+
+
 CASES = [
     ("linear-delta", "height", None),
     ("delta", "distance", None),
@@ -124,6 +192,14 @@ CASES = [
     ("par4-prototype", "probe", None),
     ("par4-prototype", "probe", (2,)),
     ("hexapod", "probe", None),
+    ("linear-delta", "block", None),
+    ("par4-prototype", "reflectors", (1, 2)),
+    ("hexapod", "reflectors", None),
+    ("hexapod", "span", None),
+    ("hexapod", "ball-bar", None),
+    ("hexapod", "place", None),
+    ("hexapod", "edge", None),
+    ("hexapod", "inclinometer", None),
 ]
 
 
@@ -133,7 +209,8 @@ def test_columns_of_a_block_are_those_of_differences(name, kind, parts):
     rng = np.random.default_rng(3)
     block = block_of(kind, observed(model.with_effects(()), 6), parts=parts)
     values = rng.uniform(-0.2, 0.2, block.values.shape)
-    values[:, :3] += FRAME.translation_mm[: values[:, :3].shape[1]]
+    for point in KINDS[kind].points:
+        values[:, point] += FRAME.translation_mm + 100.0 * rng.normal(size=(6, 3))
     block = replace(block, values=values)
     x = 0.3 * rng.normal(size=model.size)
     x[-len(starts_of(kind)) :] *= 1e-3

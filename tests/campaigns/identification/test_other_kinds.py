@@ -260,7 +260,7 @@ def bed(count, **changed):
         (
             [bed(8, kind="reflector", values=PLACES, object=Object("r", place_mm=(0.0, 0.0, 1.0)))],
             OptionsInvalid,
-            "r: a place of .* with 1 σ of None",
+            "r: place .* with a 1 σ of None",
         ),
         ([bed(8, held_out=True)], ShotsMissing, "held out, but none is fitted"),
         ([], ShotsMissing, "nothing was observed"),
