@@ -18,19 +18,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from benchmarks.observed_truths import TrueBodies
 from campaigns.arrays import Array
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.fit.tracker_noise import point_covariance_mm2
 from campaigns.identification.result import IdentificationResult
 from campaigns.robots.robot import RobotFile
 from pkmcal import Shots, TrackerUncertainty, find_robot, identify, sample_workspace
-from sim.factory import true_geometry
-from sim.geometry import BAR_KINDS
-from sim.robot.bars import BarMechanism
 from sim.robot.rods import rotation
-from sim.robot.section import GeometrySection, RobotSection, Tolerances
 
-TOLERANCES = Tolerances(position_mm=0.5, length_mm=0.5, joint_offset_deg=0.1, azimuth_mrad=1.0)
 PAIRS = 12
 POSES = 150
 STATION_MM = np.array([2300.0, -400.0, 500.0])
@@ -40,11 +36,11 @@ TOO_LARGE = 2.0
 
 def measure_campaign(nominal: RobotFile, shots: int, seed: int) -> dict[str, object]:
     """Measure and identify a robot; return its verdict, and errors with σ in µm and mrad."""
-    kind, rng = BAR_KINDS[nominal.mechanism.name], np.random.default_rng((seed, 20))
-    truth = BarMechanism(kind, _drawn(nominal, seed))
+    rng, truth = np.random.default_rng((seed, 20)), TrueBodies(nominal, seed)
     taken = sample_workspace(nominal, shots + 2 * PAIRS, seed=seed)
     joints = nominal.kinematics.inverse(taken).values_or_raise().round(9)
-    places_mm, _ = _stood(truth, nominal, joints, taken)
+    offset_mm = nominal.mechanism.points(np.zeros((1, len(nominal.mechanism.task))))[0]
+    places_mm = truth.stood(joints, taken).points(offset_mm)
     seen_mm = (places_mm - STATION_MM) @ rotation(0.1, -0.2, 2.5)
     covariance = point_covariance_mm2(seen_mm, TrackerUncertainty())
     seen_mm += [rng.multivariate_normal(np.zeros(3), each) for each in covariance]
@@ -64,43 +60,15 @@ def measure_campaign(nominal: RobotFile, shots: int, seed: int) -> dict[str, obj
     }
 
 
-def _drawn(nominal: RobotFile, seed: int) -> dict[str, float]:
-    """Return the parameters of a robot as it was made, by name."""
-    names, arms = nominal.mechanism.parameters.names, nominal.mechanism.parameters.arms
-    rows: list[dict[str, float]] = [{} for _ in range(arms)]
-    for name in names:
-        arm, _, field = name.partition(".")
-        rows[int(arm.removeprefix("arm"))][field] = nominal.parameters[name]
-    section = RobotSection(
-        mechanism=nominal.mechanism.name,
-        geometry=GeometrySection(arms=tuple(rows)),
-        tolerances=TOLERANCES,
-    )
-    return true_geometry(section, seed)
-
-
-def _stood(
-    truth: BarMechanism, nominal: RobotFile, joints: Array, near: Array
-) -> tuple[Array, Array]:
-    """Return the reflector's places (N, 3) and the platform's rotations (N, 3, 3) at joints."""
-    offset_mm = nominal.mechanism.points(np.zeros((1, len(nominal.mechanism.task))))[0]
-    starts = np.zeros((len(near), 6))
-    starts[:, : near.shape[1]] = near
-    plates = [
-        truth.settle(row, truth.plate_of(start)).plate
-        for row, start in zip(joints, starts, strict=True)
-    ]
-    places = [truth.reflector_mm(plate, offset_mm) for plate in plates]
-    return np.array(places), np.array([plate.rotation for plate in plates])
-
-
 def _errors(
-    nominal: RobotFile, truth: BarMechanism, result: IdentificationResult
+    nominal: RobotFile, truth: TrueBodies, result: IdentificationResult
 ) -> dict[str, float]:
     """Return real and stated errors of positions, µm, and of turns, mrad, at unseen poses."""
     poses = sample_workspace(nominal, POSES, seed=99)
     joints = nominal.kinematics.inverse(poses).values_or_raise()
-    places_mm, turned = _stood(truth, nominal, joints, poses)
+    stood = truth.stood(joints, poses)
+    offset_mm = nominal.mechanism.points(np.zeros((1, len(nominal.mechanism.task))))[0]
+    places_mm, turned = stood.points(offset_mm), stood.axes
     robot = nominal.of(
         nominal.mechanism, result.value.flat(), name="identified", limits=nominal.limits
     )
@@ -122,17 +90,12 @@ def _errors(
         "stated_um": factor * _stated(of_points, motions, covariance.array),
     }
     if len(model.mechanism.task) == 6:
-        turns = _between(_matrices(truth, found), turned)
+        turns = _between(model.mechanism.tool_axes(found), turned)
         free = np.concatenate([np.tile(np.eye(3), (POSES, 1, 1)), turned], axis=2)
         by_turn = model.mechanism.turn_rows(found, by_p)
         answer["real_mrad"] = 1e3 * _rms(_without(turns[..., None], free)[..., 0])
         answer["stated_mrad"] = factor * _stated(by_turn, free, covariance.array)
     return answer
-
-
-def _matrices(truth: BarMechanism, poses: Array) -> Array:
-    """Return the rotations (N, 3, 3) of poses (N, 6)."""
-    return np.array([truth.plate_of(pose).rotation for pose in poses])
 
 
 def _between(first: Array, second: Array) -> Array:

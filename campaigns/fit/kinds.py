@@ -86,6 +86,11 @@ class Kind:
     """Whether it has one row whatever the number of its values."""
 
     @property
+    def plural(self) -> str:
+        """Word for some of its observations."""
+        return self.name if self.name.endswith("s") else f"{self.name}s"
+
+    @property
     def width(self) -> int:
         """Number r of its rows."""
         return 1 if self.one_row else len(self.columns)
@@ -279,7 +284,6 @@ def _inclinometer(values: Array, bodies: Sequence[Bodies], slots: Array) -> Arra
 
 POINT, SECOND = (tuple(f"{axis}{of}_mm" for axis in AXES) for of in ("", "2"))
 VALUE = ("value_mm",)
-SPACE = ("position", "flat", "xy")
 KINDS: Mapping[str, Kind] = {
     kind.name: kind
     for kind in (
@@ -293,7 +297,7 @@ KINDS: Mapping[str, Kind] = {
         Kind("reflectors", "points of two reflectors at one pose", _reflectors, POINT + SECOND,
              (FIRST_PLACE, PLACE), ("position", "rotation"), bodies=2, by_tracker=True),
         Kind("span", "distance of a reflector between two poses", _span, POINT + SECOND, (PLACE,),
-             SPACE, bodies=2, poses=2, by_tracker=True, one_row=True),
+             ("position",), bodies=2, poses=2, by_tracker=True, one_row=True),
         Kind("probe", "pose of a probe", _probe, (*POINT, "rx_deg", "ry_deg", "rz_deg"),
              (PLACE, TURN), ("position", "rotation"), by_tracker=True),
         Kind("ball-bar", "reading of a bar from a fixed ball", _ball_bar, VALUE,

@@ -115,7 +115,7 @@ def other_kinds(
         flat = _add_slots(slots, rows.object, block, _seen(block, nominal, frame))
         if flat and rows.held_out:
             raise ShotsMissing(
-                f"{rows.kind}s of {rows.object.name} are held out, but none is fitted",
+                f"{block.kind.plural} of {rows.object.name} are held out, but none is fitted",
                 remedy="hold out some of them, and fit the others",
             )
         lacking |= {name: ROWS_OF_AN_UNKNOWN * slots[name].count for name in flat}
@@ -276,7 +276,7 @@ def _refuse_too_few(fitted: Iterable[Block], lacking: Mapping[str, int]) -> None
         if count < least:
             first, width = blocks[0], blocks[0].stated.shape[-1]
             raise ShotsMissing(
-                f"{sum(map(len, blocks))} {first.kind.name}s of {first.name}: they say nothing "
+                f"{sum(map(len, blocks))} {first.kind.plural} of {first.name}: they say nothing "
                 f"but what the {name} is",
                 remedy=f"measure {-(-least // width)} at least, better five times as many",
             )
@@ -327,7 +327,7 @@ def kind_findings(fit: Fit, tests: Iterable[KindTest]) -> Iterator[Finding]:
         left_out = np.flatnonzero(good < 0.5).tolist()
         if left_out:
             numbers = ", ".join(map(str, left_out))
-            says = f"{block.kind.name}s of {block.name} left out as wrong: {numbers} (from 0)"
+            says = f"{block.kind.plural} of {block.name} left out as wrong: {numbers} (from 0)"
             share = len(left_out) / len(good)
             decision: Decision | None = None
             if share > MOST_WRONG_SHOTS:
@@ -337,7 +337,7 @@ def kind_findings(fit: Fit, tests: Iterable[KindTest]) -> Iterator[Finding]:
             yield Finding(WRONG_ROWS, says, decision, {"count": float(len(left_out))})
     for test in tests:
         says = (
-            f"{test.count} {test.kind}s of {test.object} that were not fitted: rms "
+            f"{test.count} {KINDS[test.kind].plural} of {test.object} that were not fitted: rms "
             f"{test.rms_mm:.2g} mm, stated {test.stated_mm:.2g} mm (p = {test.p:.1g}, limit "
             f"{HOLD_OUT_LEVEL:g})"
         )

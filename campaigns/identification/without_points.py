@@ -64,7 +64,7 @@ def identify_without_points(
     for block in (*kinds.fitted, *kinds.held_out):
         if block.kind.by_tracker:
             raise OptionsInvalid(
-                f"{block.kind.name}s of {block.name} are in a tracker's frame, which points place",
+                f"{block.kind.plural} of {block.name} are in a tracker's frame, which points place",
                 remedy="measure some shots with a reflector at the controlled point as well",
             )
     joints, task = len(nominal.mechanism.joints), len(nominal.mechanism.task)
