@@ -163,12 +163,13 @@ class TrueCell:
         """Return points (M, 3) as a tracker measures them."""
         return TRACKER_FROM_BASE.apply(points) + self.noise(POINT_MM, *points.shape)
 
-    def shots(self, poses: Array, pairs: int = 0) -> Shots:
-        """Measure shots of a reflector at the controlled point, the last ones as hold-out pairs."""
+    def shots(self, poses: Array, pairs: int = 0, place: Sequence[float] = (0.0,) * 3) -> Shots:
+        """Measure shots of a reflector at a place on its part, the last ones as hold-out pairs."""
         joints, fitted = self.joints(poses), len(poses) - 2 * pairs
+        half = 1 if self.robot.mechanism.halves else None  # which turns with no θ
         return Shots.of(
             joints,
-            self.seen(self.truth.stood(joints, poses).places),
+            self.seen(self.truth.stood(joints, poses, half).points(place)),
             self.robot,
             sets=["identification"] * fitted + ["validation"] * (2 * pairs),
             pairs=[None] * fitted + [row // 2 for row in range(2 * pairs)],

@@ -161,7 +161,7 @@ def _slots_of(model: "ErrorModel", block: Block) -> tuple[list[Slot], list[slice
 def _bodies_of(model: "ErrorModel", robot: Kinematics, block: Block, number: int) -> _MovedBodies:
     """Return one of a block's bodies at all its observations."""
     part = block.parts[number]
-    mechanism, size = robot.mechanism.seen_from(part), len(robot.mechanism.task)
+    mechanism, size = robot.mechanism.body(part), len(robot.mechanism.task)
     joints, signs = block.joints[:, number], np.zeros(block.joints[:, number].shape)
     assembly = mechanism.assemble(robot.p, joints, block.near[:, number], signs)
     unknowns = assembly.unknowns
@@ -171,9 +171,13 @@ def _bodies_of(model: "ErrorModel", robot: Kinematics, block: Block, number: int
     if part is not None:
         turn_by_p[:, 2] -= by_p[:, 3:size].sum(axis=1)
         level[:, 3:size] = 0.0
+    places = assembly.poses[:, :3]
+    if block.kind.by_tracker:
+        taken_up, by_reflector = robot.mechanism.reflector_in_frames(robot.p)
+        places, by_p[:, :3] = places - taken_up, by_p[:, :3] - by_reflector
     offsets = mechanism.parameters.columns["joint_offset"]
     return _MovedBodies(
-        Bodies(assembly.poses[:, :3], mechanism.tool_axes(level)),
+        Bodies(places, mechanism.tool_axes(level)),
         model.columns_of(by_p[:, :3]) @ model.of_today,
         model.columns_of(turn_by_p) @ model.of_today,
         by_p[:, :3, offsets],

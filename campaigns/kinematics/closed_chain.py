@@ -149,6 +149,20 @@ class ClosedChain(Mechanism):
         plate = self.plate and replace(self.plate, reflector_mm=None)
         return replace(self, platform=controlled, controlled=None, plate=plate)
 
+    @override
+    def body(self, part: int | None) -> Self:
+        seen = self.seen_from(part)
+        return replace(seen, plate=seen.plate and replace(seen.plate, reflector_mm=None))
+
+    # A point is modelled as X + (A - 1) r of its place r on the plate with axes A, not as X + A r.
+    @override
+    def reflector_in_frames(self, p: Array) -> tuple[Array, Array]:
+        geometry, by_p = self.geometry(p), np.zeros((3, len(p)))
+        if geometry.plate.reflector_mm is not None:
+            for row, c in enumerate("xyz"):
+                by_p[row, self._columns[f"reflector_{c}"]] = 1.0
+        return geometry.reflector_mm[:, 0, 0], by_p
+
     @property
     @override
     def out_of_reach(self) -> str:

@@ -195,6 +195,15 @@ class Mechanism(ABC):
             raise ValueError(f"a platform of one part has no part {part}")
         return self
 
+    def body(self, part: int | None) -> Self:
+        """Return this mechanism seen from a part's own point, whatever the shots' reflector was."""
+        return self.seen_from(part)
+
+    # A frame that is fitted to shots takes up what is constant of their reflector's place.
+    def reflector_in_frames(self, p: Array) -> tuple[Array, Array]:
+        """Return what frames of shots took up, (3,) mm in the base frame, and by p, (3, P)."""
+        return np.zeros(3), np.zeros((3, len(p)))
+
     # --- points ---------------------------------------------------------------------------------
 
     def points(self, poses: Array) -> Array:

@@ -137,6 +137,19 @@ def test_nests_of_a_plate_share_its_frame_and_differ_by_their_seats():
     assert stated.rms > quantities_of(once)["position"].rms  # seats have errors of their own
 
 
+def test_places_of_reflectors_are_seen_from_the_controlled_point_wherever_shots_have_theirs():
+    """A frame of shots takes up their reflector's place, which no other reflector's place does."""
+    cell, place = TrueCell.of("par4-prototype", 5), (20.0, -30.0, -45.0)
+    poses = sample_workspace(cell.robot, 60, seed=5)
+    shots = cell.shots(poses[:20], place=place)
+    both = cell.measure("reflectors", OTHER_HALF, poses[20:])
+    fitted = identify(shots, cell.robot, observations=[both]).value.parameters
+    for axis, real_mm in zip("xyz", place, strict=True):
+        reflector = fitted[f"reflector_{axis}_mm"]
+        assert abs(reflector.delta - real_mm) < 3.0 * reflector.std
+        assert reflector.std < 3.0
+
+
 # --- what is refused ------------------------------------------------------------------------------
 
 
