@@ -39,7 +39,7 @@ class PredictedRows:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _MovedBodies:
+class MovedBodies:
     """Bodies in the base frame, with the derivatives of their places and turns."""
 
     bodies: Bodies
@@ -65,7 +65,7 @@ def predict_block(
     measured from where no frame is.
     """
     robot = model.kinematics(model.of_today @ x)
-    moved = [_bodies_of(model, robot, block, place) for place in range(len(block.parts))]
+    moved = [moved_bodies(model, robot, block, place) for place in range(len(block.parts))]
     turn, shift = _frames_of(block, frames)
     seen = [
         Bodies((turn @ body.bodies.place[..., None])[..., 0] + shift, turn @ body.bodies.axes)
@@ -158,7 +158,7 @@ def _slots_of(model: "ErrorModel", block: Block) -> tuple[list[Slot], list[slice
 
 
 # On a half of a plate the tool's turn about z is not seen: a half only translates and tilts.
-def _bodies_of(model: "ErrorModel", robot: Kinematics, block: Block, number: int) -> _MovedBodies:
+def moved_bodies(model: "ErrorModel", robot: Kinematics, block: Block, number: int) -> MovedBodies:
     """Return one of a block's bodies at all its observations."""
     part = block.parts[number]
     mechanism, size = robot.mechanism.body(part), len(robot.mechanism.task)
@@ -176,7 +176,7 @@ def _bodies_of(model: "ErrorModel", robot: Kinematics, block: Block, number: int
         taken_up, by_reflector = robot.mechanism.reflector_in_frames(robot.p)
         places, by_p[:, :3] = places - taken_up, by_p[:, :3] - by_reflector
     offsets = mechanism.parameters.columns["joint_offset"]
-    return _MovedBodies(
+    return MovedBodies(
         Bodies(places, mechanism.tool_axes(level)),
         model.columns_of(by_p[:, :3]) @ model.of_today,
         model.columns_of(turn_by_p) @ model.of_today,

@@ -19,9 +19,10 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.evaluation.decision import COVERAGE, decide
-from campaigns.fit.error_model import Observations, frame_columns
+from campaigns.fit.error_model import frame_columns
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.fit import Fit
+from campaigns.fit.predicted_rows import moved_bodies
 from campaigns.fit.uncertainty import budget, free_turns_deg, length_std, without_motions
 from campaigns.identification.findings import NOT_DETERMINED, NOT_TESTED, TOO_UNCERTAIN, Finding
 from campaigns.identification.options import QuantityWord
@@ -73,9 +74,13 @@ class Determined:
 # A size is estimated where shots determine at least one unknown of its group: C_jj / ρ² is what is
 # left of a prior's variance ρ², and 1 less that is the part of unknown j that shots determine. The
 # tracker's own errors are no tolerances of the robot: a data sheet or a calibration states them.
+# The scatter's parts are tolerances too where there are fewer degrees of freedom than parts.
 def assumed_share(fit: Fit, squares: Mapping[str, float]) -> float:
     """Return the share of tolerances whose size no shot estimates in the squares of `budget`."""
     variances, assumed = np.diag(fit.covariance), 0.0
+    scatter = {*fit.factors} - {*fit.prior.factors, "stated"}
+    if fit.freedom < FEWEST_DETERMINED * len(scatter):
+        assumed += sum(square for source, square in squares.items() if source in scatter)
     for source in squares:
         if source not in SOURCES or source in TRACKER_SOURCES:
             continue
@@ -111,18 +116,20 @@ def determined_on_planes(fit: Fit, tested: Collection[str]) -> Iterator[Determin
 
     `tested` are the quantities that held-out observations check.
     """
+    model = fit.model
+    robot = model.kinematics(model.of_today @ fit.at.x)
     touched = [
-        (block.joints[good >= 0.5, 0], block.near[good >= 0.5, 0])
+        moved_bodies(model, robot, block.rows(np.flatnonzero(good >= 0.5)), 0)
         for block, good in zip(fit.observations.blocks, fit.good_of_others, strict=True)
         if "flat" in block.kind.checks
     ]
     if not touched:
         return
-    joints, near = (np.concatenate(rows) for rows in zip(*touched, strict=True))
-    robot = fit.model.robot_at(fit.at.x, Observations.unmeasured(joints, near), near)
-    motions = frame_columns(robot.assembly.points)
+    places = np.concatenate([bodies.bodies.place for bodies in touched])
+    by_unknowns = np.concatenate([bodies.place_by_unknowns for bodies in touched])
+    motions = frame_columns(places)
     for name, (rows, free) in ON_PLANE.items():
-        by = without_motions(robot.by[:, rows], motions[:, rows][..., free])
+        by = without_motions(by_unknowns[:, rows], motions[:, rows][..., free])
         yield determined_by(name, fit, by, is_tested=name in tested)
 
 

@@ -55,6 +55,7 @@ def identify_without_points(
     Raise `OptionsInvalid` for kinds that need points of a tracker, `ShotsInvalid` for observations
     that lead to no robot.
     """
+    nominal = replace(nominal, mechanism=nominal.mechanism.body(None))  # no reflector moves along
     kinds = other_kinds(measured, nominal)
     if not kinds.fitted:
         raise ShotsMissing(

@@ -66,6 +66,9 @@ def test_seven_heights_pass_nothing_in_space():
     result = identified(made, touches(made, 1))
     assert result.judgement.verdict == "not decided"
     assert quantities_of(result)["position"].assumed > 0.5
+    # of the robot's scatter they say nothing either, which is most of what is stated
+    determined = {name: q.is_determined for name, q in quantities_of(result).items()}
+    assert determined == {"flat": False, "xy": False, "position": False}
 
 
 @pytest.mark.parametrize("seed", [1, 2])
