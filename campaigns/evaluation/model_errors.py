@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.fit.rigid_transforms import SHOTS_FOR_A_FRAME, distances_mm, fit_transform
+from campaigns.fit.rigid_transforms import SHOTS_FOR_A_FRAME, fit_transform
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
@@ -77,14 +77,12 @@ def pair_errors(modelled: ModelledShots, purpose: ShotSet) -> Residuals | None:
     rows, shots = modelled.pairs(purpose), modelled.shots
     if len(rows) == 0:
         return None
-    first, second = rows.T
-    measured_mm = shots.measured_distances_mm(rows)
 
     def errors_by(poses: Array) -> Array:
-        return distances_mm(modelled.points(poses), first, second) - measured_mm
+        return shots.distance_errors_mm(rows, modelled.points(poses))
 
     return Residuals(
-        tuple(shots.pairs[row] or 0 for row in first.tolist()),
+        tuple(shots.pairs[row] or 0 for row in rows[:, 0].tolist()),
         errors_by(modelled.before),
         None if modelled.after is None else errors_by(modelled.after),
     )

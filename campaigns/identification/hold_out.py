@@ -16,7 +16,7 @@ from campaigns.evaluation.decision import chance_of_larger, decide_change, effec
 from campaigns.evaluation.summary import distance_requirements
 from campaigns.fit.error_model import Observations
 from campaigns.fit.fit import Fit, noise_parts
-from campaigns.fit.rigid_transforms import directions, distances_mm
+from campaigns.fit.rigid_transforms import directions
 from campaigns.fit.uncertainty import unseen_covariances
 from campaigns.identification.findings import HoldOut
 from campaigns.identification.result import Excluded, ResidualTable
@@ -154,11 +154,7 @@ def _predicted_pairs(
 
 def distance_errors(shots: Shots, rows: Index, before: Array, after: Array) -> ResidualTable:
     """Return modelled minus measured distances of pairs (M, 2), by points (N, 3) of all shots."""
-    measured = shots.measured_distances_mm(rows)
-    errors = (
-        (distances_mm(points, rows[:, 0], rows[:, 1]) - measured)[:, None]
-        for points in (before, after)
-    )
+    errors = (shots.distance_errors_mm(rows, points)[:, None] for points in (before, after))
     numbers = [shots.pairs[row] or 0 for row in rows[:, 0].tolist()]
     return ResidualTable.from_arrays("pairs", numbers, *errors)
 

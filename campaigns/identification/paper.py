@@ -22,7 +22,7 @@ import scipy
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.evaluation.region import Region
-from campaigns.fit.rigid_transforms import directions, distances_mm
+from campaigns.fit.rigid_transforms import directions
 from campaigns.identification import findings
 from campaigns.identification.findings import Finding
 from campaigns.identification.hold_out import distance_errors
@@ -138,9 +138,7 @@ class _Distances:
 
     def __init__(self, nominal: Kinematics, places: Index, shots: Shots, near: Array) -> None:
         self._nominal, self._places, self._shots, self._near = nominal, places, shots, near
-        self._first, self._second = np.arange(len(shots)).reshape(-1, 2).T
-        points = shots.points_in_tracker_mm
-        self._measured = distances_mm(points, self._first, self._second)
+        self._pairs = np.arange(len(shots)).reshape(-1, 2)
 
     def robot(self, x: Array) -> Kinematics:
         """Return the robot with the free parameters x (F,)."""
@@ -152,8 +150,7 @@ class _Distances:
         """Return modelled minus measured distances (M,), mm."""
         poses = self.robot(x).forward(self._shots.joints, self._near, self._shots.approach)
         points = self._nominal.points(poses.values_or_raise())
-        modelled = distances_mm(points, self._first, self._second)
-        return modelled - self._measured
+        return self._shots.distance_errors_mm(self._pairs, points)
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivatives of the distances, (M, F)."""
@@ -161,8 +158,9 @@ class _Distances:
         # A small motion of an end changes a distance by its component along the pair's line.
         poses = robot.forward(shots.joints, self._near, shots.approach).values_or_raise()
         by = robot.point_jacobian(shots.joints, poses, shots.approach)[..., self._places]
-        along = directions(robot.points(poses), self._first, self._second)
-        return np.asarray(np.einsum("mk,mkf->mf", along, by[self._second] - by[self._first]))
+        first, second = self._pairs.T
+        along = directions(robot.points(poses), first, second)
+        return np.asarray(np.einsum("mk,mkf->mf", along, by[second] - by[first]))
 
 
 def _pairs(

@@ -258,6 +258,11 @@ class Shots:
         """Return the distances between the two shots of each row of (M, 2), (M,)."""
         return distances_mm(self.points_in_tracker_mm, rows[:, 0], rows[:, 1])
 
+    def distance_errors_mm(self, rows: Index, points_mm: Array) -> Array:
+        """Return modelled minus measured distances (M,) of pairs (M, 2), by points (N, 3)."""
+        modelled_mm = distances_mm(points_mm, rows[:, 0], rows[:, 1])
+        return modelled_mm - self.measured_distances_mm(rows)
+
 
 COLUMNS = tuple(column.name for column in fields(Shots))
 
