@@ -4,7 +4,7 @@ A bed, a block that stands on it, a printed part, a reflector or a probe on the 
 stated of an object is the prior of its unknowns in the fit; what is not stated is fitted freely.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -109,6 +109,14 @@ class Object:
 def _single(value: float | None) -> tuple[float, ...] | None:
     """Return a value as that of one unknown."""
     return None if value is None else (value,)
+
+
+def with_supports(objects: Iterable[Object]) -> Iterator[Object]:
+    """Yield objects and what they stand on; of what is only named, and not among them, the name."""
+    given = [part for thing in objects for part in (thing, thing.on) if isinstance(part, Object)]
+    yield from given
+    names = {thing.name for thing in given}
+    yield from (Object(t.on) for t in given if isinstance(t.on, str) and t.on not in names)
 
 
 def linked(objects: Iterable[Object]) -> dict[str, Object]:

@@ -28,7 +28,7 @@ from campaigns.identification.findings import (
     WRONG_ROWS,
     Finding,
 )
-from campaigns.identification.objects import Object, linked
+from campaigns.identification.objects import Object, linked, with_supports
 from campaigns.kinematics.model import Kinematics
 
 ROWS_OF_AN_UNKNOWN = 2
@@ -105,7 +105,8 @@ def other_kinds(
         assembly = nominal.mechanism.assemble(nominal.p, points.joints, points.near)
         frame = first_frames(points, assembly.points, assembly.is_solved)[0][0]
     measured = sorted(measured, key=lambda rows: rows.held_out)
-    linked(thing for rows in measured for thing in {rows.object, rows.object.support})
+    things = linked(with_supports(rows.object for rows in measured))
+    measured = [replace(rows, object=things[rows.object.name]) for rows in measured]
     blocks: dict[bool, list[Block]] = {False: [], True: []}
     slots: dict[str, Slot] = {}
     lacking: dict[str, int] = {}

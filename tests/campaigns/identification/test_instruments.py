@@ -9,7 +9,8 @@ import pytest
 from benchmarks.observed_truths import BALL_MM, FIRST_MM, SECOND_MM, TrueCell
 from campaigns.api import identify, sample_workspace
 from campaigns.errors import OptionsInvalid, ShotsMissing
-from campaigns.identification.objects import Object
+from campaigns.identification.objects import Object, linked, with_supports
+from campaigns.identification.other_kinds import other_kinds
 
 pytestmark = pytest.mark.slow
 
@@ -168,6 +169,24 @@ def test_a_ball_of_which_nothing_is_stated_needs_readings_for_its_place():
         stated_by(case, [few])
     with pytest.raises(ShotsMissing, match="ball-bars of bar are held out, but none is fitted"):
         stated_by(case, [replace(rows, held_out=True)])
+
+
+def test_what_an_object_stands_on_may_be_named():
+    bed, block = Object("bed", shrinkage_percent=1.0), Object("block", on="bed")
+    assert linked(with_supports([bed, block]))["block"].on == bed
+    assert linked(with_supports([block]))["block"].on == Object("bed")
+    with pytest.raises(OptionsInvalid, match="block stands on 'bed', which is no other object"):
+        linked([block])
+    with pytest.raises(OptionsInvalid, match="two objects are called 'bed'"):
+        linked(with_supports([bed, replace(block, on=Object("bed"))]))
+
+
+def test_a_block_on_a_bed_that_is_named_shares_its_plane():
+    cell, _, (blocks, heights) = measured(CASES[NAMES.index("block of a linear-delta")])
+    named = replace(blocks, object=replace(BLOCK, on="bed"))
+    whole = replace(heights, object=replace(BED, place_mm=(0.0, 0.0, 0.0), std_mm=1.0))
+    kinds = other_kinds([named, whole], cell.robot.kinematics)
+    assert [slot.name for slot in kinds.slots] == ["plane of bed", "height of block"]
 
 
 def test_an_object_states_values_with_their_uncertainty_alone():
