@@ -132,6 +132,7 @@ def _block_of(rows: Measured, nominal: Kinematics) -> Block:
         )
     kind, name = KINDS[rows.kind], rows.object.name
     axes, width = len(nominal.mechanism.joints), kind.width
+    _refuse_shapes(rows, axes, width)
     joints = np.asarray(rows.joints, dtype=np.float64).reshape(-1, kind.poses, axes)
     values = np.asarray(rows.values, dtype=np.float64).reshape(-1, len(kind.columns))
     if len(joints) != len(values):
@@ -159,6 +160,21 @@ def _block_of(rows: Measured, nominal: Kinematics) -> Block:
         slots=tuple(f"{s.name} of {o.name}" for s, o in zip(kind.slots, owners, strict=True)),
         frame=np.zeros(len(values), dtype=np.intp),
     )
+
+
+def _refuse_shapes(rows: Measured, axes: int, width: int) -> None:
+    """Raise `ShotsInvalid` for joints of another number than `axes`, or σ of another than rows."""
+    joints, std = np.shape(rows.joints), np.shape(rows.std_mm)
+    if joints[-1:] != (axes,):
+        raise ShotsInvalid(
+            f"{rows.object.name}: joints {joints} of a robot with {axes}",
+            remedy=f"give {axes} joint values at each pose",
+        )
+    if std not in {(), (width,), (len(rows.values), width)}:
+        raise ShotsInvalid(
+            f"{rows.object.name}: σ {std} of {len(rows.values)} values with {width} rows each",
+            remedy=f"give one σ, {width} of them, or {width} for each value",
+        )
 
 
 # Two bodies at one pose are the object and what it goes with.

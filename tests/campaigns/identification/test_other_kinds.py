@@ -134,6 +134,21 @@ def test_what_does_not_fit_other_kinds_refuses_them(option):
         identify(made.points(20), made.robot, observations=touches(made), options=option)
 
 
+def test_each_height_may_have_its_own_uncertainty():
+    made = Printer(5)
+    fitted, held_out = touches(made)
+    coarse = np.arange(len(fitted.values)) % 2 == 1
+    values = fitted.values + 0.1 * coarse * made.rng.standard_normal(len(coarse))
+    std_mm = np.where(coarse, 0.1, 0.01)[:, None]
+    alike, apart = (
+        quantities_of(identified(made, [replace(fitted, values=values, std_mm=std), held_out]))
+        for std in (0.1, std_mm)
+    )
+    real = made.errors_mm(identified(made, [replace(fitted, values=values, std_mm=std_mm)]))
+    assert apart["flat"].rms < 0.5 * alike["flat"].rms
+    assert real["flat"] < 2.0 * apart["flat"].rms
+
+
 def test_a_result_without_points_is_shown_and_stored():
     result = identified(Printer(9), touches(Printer(9)), "flat")
     assert "verdict: pass" in result.report()
@@ -269,6 +284,8 @@ def bed(count, **changed):
         ([], ShotsMissing, "nothing was observed"),
         ([bed(8, values=np.full(8, np.nan))], ShotsInvalid, "a value is no number"),
         ([bed(8, std_mm=0.0)], ShotsInvalid, "σ not above 0"),
+        ([bed(8, std_mm=np.full(8, 0.01))], ShotsInvalid, "σ .* of 8 values with 1 rows each"),
+        ([bed(8, joints=np.zeros((8, 2)))], ShotsInvalid, "joints .* of a robot with 3"),
         ([bed(8, object=Object("bed", "half 3"))], OptionsInvalid, "'half 3' is no part"),
         ([bed(8, object=Object("bed", "half 2"))], OptionsInvalid, "bed: a platform of one part"),
         ([bed(8), bed(8, object=Object("bed", "tool"))], OptionsInvalid, "two objects are called"),
