@@ -107,6 +107,19 @@ class Observations:
             former=joints,
         )
 
+    # What has no moment is of today: no slow motion of a session's stand concerns it.
+    @classmethod
+    def of_body(cls, block: Block, number: int) -> Self:
+        """Return what effects ask of one of the bodies of a block, at all its observations."""
+        joints = block.joints[:, number]
+        return replace(
+            cls.unmeasured(joints, block.near[:, number]),
+            frame=np.where(np.isfinite(block.moment), block.frame, -1),
+            warmth=block.warmth,
+            moment=block.moment,
+            time=block.time,
+        )
+
     def rows(self, rows: Index | Mask) -> Self:
         """Return the observations of these rows, with all those of other kinds."""
         columns = {
@@ -350,7 +363,7 @@ class ErrorModel:
     def columns_of(self, by_p: Array) -> Array:
         """Return derivatives (N, 3, P) by the unknowns, from those by the robot's parameters.
 
-        Columns of growth and of the tracker's sources are 0.
+        Columns of growth, unless the last of these are by it, and of the tracker's sources are 0.
         """
         of_robot, count = self.places < by_p.shape[2], len(self.parameters)
         columns = np.zeros((*by_p.shape[:2], len(self.names)))
@@ -461,6 +474,13 @@ class ErrorModel:
                 for block in observations.blocks
             ),
         )
+
+    def moves_of_body(
+        self, x: Array, block: Block, number: int
+    ) -> tuple[Observations, Mapping[str, Array]]:
+        """Return a body of a block as effects see it, and what all effects together move of it."""
+        seen = Observations.of_body(block, number)
+        return seen, self._moves(x, [effect.basis(seen) for effect in self.effects], seen)
 
     def _moves(self, x: Array, bases: list[Array], observations: Observations) -> dict[str, Array]:
         """Return the motions that all effects together give to each shot, by what they move."""

@@ -226,12 +226,15 @@ def _fit_with(
     """Return the fit with these effects and its evidence; None if it is no number, or below."""
     # Shots of a change that is new were wrong without it: they begin with their whole weight, or
     # the change would have no shots to be estimated from.
-    present, good = {effect.name for effect in fit.model.effects}, fit.good
+    present = {effect.name for effect in fit.model.effects}
+    weights = [rows.good for rows in fit.rows]
+    moments = [fit.observations.moment, *(block.moment for block in fit.observations.blocks)]
     for effect in effects:
         if isinstance(effect, Step) and effect.name not in present:
-            covered = effect.covers(fit.observations.moment) & fit.usable
-            good = np.where(covered, 1.0, good)
-    start, model = replace(fit, good=good), fit.model.with_effects(effects)
+            for place, (rows, moment) in enumerate(zip(fit.rows, moments, strict=True)):
+                covered = effect.covers(moment) & rows.usable
+                weights[place] = np.where(covered, 1.0, weights[place])
+    start, model = fit.with_weights(weights), fit.model.with_effects(effects)
     result = refit(start, model, least_evidence=least)
     for _ in range(2):  # the rate of a ripple enters by a column: linearise it again
         if falls_short(result, least):
@@ -347,7 +350,7 @@ def log_factors_since_prior(fit: Fit) -> dict[str, float]:
     For shots fitted with a former result as prior. The frame of a new stand is flat and shows no
     change.
     """
-    whole = np.array([[0, len(fit.good)]])
+    whole = np.array([[0, len(fit.moments)]])
     parts = [part for part in candidate_parts(fit.model) if part != FRAME]
     candidates = scan(fit, dict.fromkeys(parts, whole))
     return {part: float(of_part.log_factors[0]) for part, of_part in candidates.items()}
@@ -447,25 +450,33 @@ class Candidates:
 #     I = Σ c'W c - (Σ c'W A) C (Σ A'W c)
 #
 # and the mean of B over the sizes s counts. Sums over spans come from running sums, so that many
-# spans cost little more than one.
+# spans cost little more than one. Rows are those of all kinds, in the order of time.
 def scan(fit: Fit, spans_of: Mapping[str, Index]) -> dict[str, Candidates]:
     """Return the candidates of each part that has spans (M, 2)."""
-    white, candidates = fit.whitened, {}
-    # M⁻¹ in units of the noise: Σ c'W A C A'W c is the square of the columns that K explains
-    explained = white.explained.T.reshape(len(fit.good), 3, -1)
-    residual = white.residual.reshape(len(fit.good), 3, 1)
+    order, candidates = np.argsort(fit.moments, kind="stable"), {}
     for part, step in candidate_parts(fit.model).items():
         if part not in spans_of:
             continue
-        spans = spans_of[part]
-        columns = white.root @ fit.at.columns_of(step, fit.observations)
-        transposed = columns.swapaxes(1, 2)
-        score = _sum_over_spans(transposed @ residual, spans)
-        shared = _sum_over_spans(transposed @ explained, spans)
-        alone = _sum_over_spans(transposed @ columns, spans)
+        spans, products = spans_of[part], _products(fit, step)
+        score, shared, alone = (
+            _sum_over_spans(np.concatenate(of_kinds)[order], spans) for of_kinds in products
+        )
         information = alone - shared @ shared.swapaxes(1, 2)
         candidates[part] = Candidates(spans, log_bayes_factors(score, information))
     return candidates
+
+
+# M⁻¹ in units of the noise: Σ c'W A C A'W c is the square of the columns that K explains
+def _products(fit: Fit, step: Step) -> Iterable[tuple[Array, ...]]:
+    """Return c'W r, c'W A and c'W c of each observation, (N, k, …), of the rows of each kind."""
+    products = []
+    for white, by in zip(fit.whitened_rows, fit.columns_of(step), strict=True):
+        (count, width, _), columns = white.root.shape, white.root @ by
+        transposed = columns.swapaxes(1, 2)
+        explained = white.explained.T.reshape(count, width, len(white.explained))
+        residual = white.residual.reshape(count, width, 1)
+        products.append((transposed @ residual, transposed @ explained, transposed @ columns))
+    return zip(*products, strict=True)
 
 
 def log_bayes_factors(score: Array, information: Array) -> Array:
@@ -484,10 +495,10 @@ def _sum_over_spans(rows: Array, spans: Index) -> Array:
 
 def _likeliest_step(fit: Fit) -> Step | None:
     """Return the likeliest change, if the mean Bayes factor of all makes any change likely."""
-    count, parts = len(fit.good), candidate_parts(fit.model)
-    steps = _steps(count)
+    moments, parts = np.sort(fit.moments), candidate_parts(fit.model)
+    steps = _steps(moments)
     spans_of = dict.fromkeys(parts, steps)
-    spans_of[FRAME] = np.concatenate([steps, _intervals(count)])
+    spans_of[FRAME] = np.concatenate([steps, _intervals(moments)])
     candidates = scan(fit, spans_of)
     values = np.concatenate([of_part.log_factors for of_part in candidates.values()])
     if not len(values) or np.logaddexp.reduce(values) <= np.log(len(values) / ALARM):
@@ -500,27 +511,34 @@ def _likeliest_step(fit: Fit) -> Step | None:
         part: float(np.logaddexp.reduce(of_part.log_factors))
         for part, of_part in candidates.items()
     }
-    moments = fit.observations.moment
     return replace(
         parts[best],
         since=float(moments[since]),
-        until=float(moments[until]) if until < count else np.inf,
+        until=float(moments[until]) if until < len(moments) else np.inf,
         parts=likely_parts(evidence),
         log_odds=float(np.log(ALARM / len(values))),
     )
 
 
-def _steps(count: int) -> Index:
-    """Return the spans (M, 2) of changes that last from some shot to the last of `count`."""
-    starts = np.arange(FEWEST_SHOTS, count - FEWEST_SHOTS + 1)
+def _steps(moments: Array) -> Index:
+    """Return the spans (M, 2) of changes that last from some moment, of all (N,), to the last."""
+    count = len(moments)
+    starts = _begins(moments, np.arange(FEWEST_SHOTS, count - FEWEST_SHOTS + 1))
     return np.stack([starts, np.full(len(starts), count)], axis=1)
 
 
-def _intervals(count: int) -> Index:
+def _intervals(moments: Array) -> Index:
     """Return the spans (M, 2) of changes of the frame that were taken back: a stand put right."""
-    ends = np.unique(np.linspace(FEWEST_SHOTS, count - FEWEST_SHOTS, INTERVAL_ENDS).astype(int))
+    last = len(moments) - FEWEST_SHOTS
+    ends = np.unique(np.linspace(FEWEST_SHOTS, last, INTERVAL_ENDS).astype(int))
+    ends = _begins(moments, ends[(ends > 0) & (ends < len(moments))])
     pairs = [(first, last) for first in ends for last in ends if last > first + FEWEST_SHOTS]
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
+
+
+def _begins(moments: Array, rows: Index) -> Index:
+    """Return those of these rows at which a change may begin: not of today, nor between equals."""
+    return rows[np.isfinite(moments[rows]) & (moments[rows] > moments[rows - 1])]
 
 
 def likely_parts(evidence: Mapping[str, float]) -> tuple[str, ...]:

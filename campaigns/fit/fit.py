@@ -36,6 +36,7 @@ import scipy
 
 from campaigns.arrays import Array, Index, Mask
 from campaigns.fit import wrong_shots
+from campaigns.fit.effects import Effect
 from campaigns.fit.error_model import (
     BY_NAME,
     ErrorModel,
@@ -113,19 +114,19 @@ class Whitened:
     """
 
     root: Array
-    """R, (N, 3, 3)."""
+    """R, (N, r, r)."""
     residual: Array
-    """(3 N,)"""
+    """(r N,)"""
     explained: Array
-    """K, (Q, 3 N)."""
+    """K, (Q, r N)."""
 
     def columns(self, columns: Array) -> Array:
-        """Return columns (N, 3, …) in units of the noise, (3 N, k)."""
-        flat = columns.reshape(len(self.root), 3, -1)
+        """Return columns (N, r, …) in units of the noise, (r N, k)."""
+        flat = columns.reshape(*self.root.shape[:2], -1)
         return np.asarray((self.root @ flat).reshape(len(self.residual), -1))
 
     def information(self, columns: Array) -> Array:
-        """Return the information (k, k) on the unknowns of whitened columns (3 N, k)."""
+        """Return the information (k, k) on the unknowns of whitened columns (r N, k)."""
         shared = self.explained @ columns
         return np.asarray(columns.T @ columns - shared.T @ shared)
 
@@ -263,15 +264,36 @@ class Fit:
         """Posterior covariance (Q, Q) at these sizes and this noise."""
         return np.asarray(np.linalg.inv(self.normal[0] + self.precision))
 
-    @cached_property
+    @property
     def whitened(self) -> "Whitened":
-        """Residuals and derivatives in units of their noise."""
-        root = np.linalg.cholesky(self.weights + 1e-30 * np.eye(3)).swapaxes(1, 2)
-        rows = 3 * len(self.good)
-        jacobian = (root @ self.at.jacobian).reshape(rows, -1)
+        """Residuals and derivatives of points in units of their noise."""
+        return self.whitened_rows[0]
+
+    @cached_property
+    def whitened_rows(self) -> tuple["Whitened", ...]:
+        """Those of points, then of the other kinds of observation, block by block."""
         factor = np.linalg.cholesky(self.normal[0] + self.precision)
+        return tuple(self._whitened(rows, factor) for rows in self.rows)
+
+    def _whitened(self, rows: Rows, factor: Array) -> "Whitened":
+        width = rows.residual.shape[1]
+        root = np.linalg.cholesky(rows.weights + 1e-30 * np.eye(width)).swapaxes(1, 2)
+        jacobian = (root @ rows.jacobian).reshape(-1, rows.jacobian.shape[2])
         explained = scipy.linalg.solve_triangular(factor, jacobian.T, lower=True)
-        return Whitened(np.asarray(root), (root @ self.residual[..., None]).ravel(), explained)
+        residual = (root @ rows.after(self.step)[..., None]).ravel()
+        return Whitened(np.asarray(root), residual, explained)
+
+    # Rows of no moment are of today, and so behind all others.
+    @cached_property
+    def moments(self) -> Array:
+        """Moments of points, then of the other kinds of observation, block by block."""
+        blocks = self.observations.blocks
+        return np.concatenate([self.observations.moment, *(block.moment for block in blocks)])
+
+    def columns_of(self, effect: Effect) -> tuple[Array, ...]:
+        """Return ∂residual/∂z of an effect, (N, r, k) of the rows of each kind."""
+        points = self.at.columns_of(effect, self.observations)
+        return (points, *(rows.columns_of(effect) for rows in self.at.others))
 
     @cached_property
     def covariance(self) -> Array:

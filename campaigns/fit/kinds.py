@@ -14,7 +14,7 @@ rotation vector, which are no turns.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -123,14 +123,31 @@ class Block:
     """Names of the slots, in the order of the kind's function."""
     frame: Index
     """Number of the frame of each observation, (M,), where a tracker took it."""
+    moment: Array = field(default_factory=lambda: np.zeros(0))
+    """Rank of each in the order of time, among points too, (M,); infinite: of the robot of today."""
+    time: Array = field(default_factory=lambda: np.zeros(0))
+    """Time of each in its session, from 0 to 1, (M,)."""
+    warmth: Array = field(default_factory=lambda: np.zeros(0))
+    """Degrees by which parts are warmer than the reference, (M,); 0 where unknown."""
+
+    def __post_init__(self) -> None:
+        """Fill columns left out: all of the robot of today, at the reference's temperature."""
+        for name, value in (("moment", np.inf), ("time", 0.0), ("warmth", 0.0)):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.full(len(self.values), value))
 
     def __len__(self) -> int:
         return len(self.values)
 
     def rows(self, rows: Index) -> "Block":
         """Return the block of these observations."""
-        names = ("joints", "near", "values", "stated", "frame")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        columns = ("joints", "near", "values", "stated", "frame", "moment", "time", "warmth")
+        return replace(self, **{name: getattr(self, name)[rows] for name in columns})
+
+    def of_today(self) -> "Block":
+        """Return the block as if the robot of today were there, at the reference's temperature."""
+        none = np.zeros(0)
+        return replace(self, moment=none, time=none, warmth=none)
 
     @property
     def is_of_one_shot(self) -> bool:

@@ -22,7 +22,7 @@ from campaigns.evaluation.decision import COVERAGE, decide
 from campaigns.fit.error_model import frame_columns
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.fit import Fit
-from campaigns.fit.predicted_rows import moved_bodies
+from campaigns.fit.predicted_rows import moved_body
 from campaigns.fit.uncertainty import budget, free_turns_deg, length_std, without_motions
 from campaigns.identification.findings import NOT_DETERMINED, NOT_TESTED, TOO_UNCERTAIN, Finding
 from campaigns.identification.options import QuantityWord
@@ -116,17 +116,15 @@ def determined_on_planes(fit: Fit, tested: Collection[str]) -> Iterator[Determin
 
     `tested` are the quantities that held-out observations check.
     """
-    model = fit.model
-    robot = model.kinematics(model.of_today @ fit.at.x)
     touched = [
-        moved_bodies(model, robot, block.rows(np.flatnonzero(good >= 0.5)), 0)
+        moved_body(fit.model, fit.at.x, block.rows(np.flatnonzero(good >= 0.5)).of_today(), 0)
         for block, good in zip(fit.observations.blocks, fit.good_of_others, strict=True)
         if "flat" in block.kind.checks
     ]
     if not touched:
         return
     places = np.concatenate([bodies.bodies.place for bodies in touched])
-    by_unknowns = np.concatenate([bodies.place_by_unknowns for bodies in touched])
+    by_unknowns = np.concatenate([bodies.place_by_unknowns(fit.model) for bodies in touched])
     motions = frame_columns(places)
     for name, (rows, free) in ON_PLANE.items():
         by = without_motions(by_unknowns[:, rows], motions[:, rows][..., free])

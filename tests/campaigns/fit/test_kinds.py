@@ -7,7 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from small_fits import FRAME, STATED_MM, model_of, observed
 
+from campaigns.fit.effects import Ripple, Walk
 from campaigns.fit.error_model import moved_frames
+from campaigns.fit.events import candidate_parts
 from campaigns.fit.fit import estimate_sizes_and_noise, fit_model, log_evidence, update_weights
 from campaigns.fit.kinds import KINDS, TURN_LEVER_MM, Block, Bodies, differentiate
 from campaigns.fit.predicted_rows import predict_block
@@ -229,6 +231,51 @@ def test_columns_of_a_block_are_those_of_differences(name, kind, parts):
         # rods that do not close and the weight's loads are left out of derivatives of a Par4
         scale = np.abs(expected).max(initial=1e-3)
         assert at.jacobian[..., place] == pytest.approx(expected, rel=0.02, abs=0.02 * scale)
+
+
+def effects_of(model):
+    """A stand that walks and is bumped, a part that changes, gears that ripple, a late reading."""
+    parts = candidate_parts(model)
+    encoder = replace(parts["encoder 1"], since=2.0)
+    mount = replace(parts["mount 0"], since=1.0, until=4.0)
+    bump = replace(parts["frame"], since=3.0)
+    return (Walk(0), encoder, mount, bump, Ripple((0, 2), 9.0, 0.1, 1e-3, 0.0))
+
+
+@pytest.mark.parametrize(("name", "kind", "parts"), CASES[1:])
+def test_rows_have_the_effects_of_their_moment(name, kind, parts):
+    """By differences, and rows of no moment are those of the robot after all that lasts."""
+    bare = model_of(name, with_growth=True)
+    model = bare.with_effects((*effects_of(bare), *slots_of(kind)))
+    rng, size = np.random.default_rng(4), model.size
+    block = block_of(kind, observed(model_of(name), 6), parts=parts)
+    values = rng.uniform(-0.2, 0.2, block.values.shape)
+    values[:, :3] += FRAME.translation_mm[: values[:, :3].shape[1]]
+    timed = {"moment": np.arange(6.0), "time": np.arange(6.0) / 5.0, "warmth": np.arange(6.0)}
+    block = replace(block, values=values, **timed)
+    x = 0.1 * rng.normal(size=size)
+    x[-len(starts_of(kind)) :] *= 1e-3
+    at = predict_block(model, x, (FRAME,), block, MIDDLE)
+
+    def residual_at(change):
+        return predict_block(model, x + change, (FRAME,), block, MIDDLE).residual
+
+    growth = [place for place, group in enumerate(model.groups) if group == "growth"]
+    # parts that grow shift a body and do not turn it
+    assert at.jacobian[..., growth].any() == (kind != "inclinometer")
+    for places in (growth, *model.effect_places):
+        change = np.zeros(size)
+        change[places] = 1e-4 * rng.normal(size=len(change[places]))
+        expected = 0.5 * (residual_at(change) - residual_at(-change))
+        scale = np.abs(expected).max(initial=1e-7)
+        assert at.jacobian[..., :size] @ change == pytest.approx(expected, abs=0.02 * scale)
+    today = replace(block, moment=np.full(6, np.inf))
+    lasting, shape = predict_block(model, x, (FRAME,), today, MIDDLE), (6, -1)
+    assert lasting.jacobian[..., model.effect_places[2]] == pytest.approx(0.0)  # was taken back
+    encoder = model.effect_places[1]
+    assert np.abs(lasting.jacobian[..., encoder]).reshape(shape).max(axis=1).min() > 0.0
+    assert at.jacobian[:2, :, encoder] == pytest.approx(0.0)
+    assert lasting.jacobian[..., model.effect_places[0]] == pytest.approx(0.0)  # no stand's walk
 
 
 def test_bodies_at_one_shot_share_the_robots_scatter():
