@@ -17,7 +17,7 @@ follow those of the table in x.
 their derivatives: the fit, hold-out pairs, plans and the gate of a run ask it.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
@@ -34,7 +34,12 @@ from campaigns.fit.error_sources import (
     tracker_columns,
 )
 from campaigns.fit.kinds import Block
-from campaigns.fit.predicted_rows import PredictedRows, predict_block
+from campaigns.fit.predicted_rows import (
+    PredictedRows,
+    SeenPlaces,
+    predict_block,
+    seen_places,
+)
 from campaigns.fit.rigid_transforms import (
     MRAD,
     Transform,
@@ -88,8 +93,14 @@ class Observations:
 
     @property
     def middle(self) -> Array:
-        """Mean of the points, (3,), about which the tracker's error of scale is counted."""
-        return middle_of(self.points)
+        """Mean of the points, (3,), about which the tracker's error of scale is counted.
+
+        Without points it is that of the places that a tracker saw otherwise.
+        """
+        by_tracker = [block.values[:, :3] for block in self.blocks if block.kind.by_tracker]
+        if len(self.points) or not by_tracker:
+            return middle_of(self.points)
+        return middle_of(np.concatenate(by_tracker))
 
     @classmethod
     def unmeasured(cls, joints: Array, near: Array, approach: Array | None = None) -> Self:
@@ -593,25 +604,41 @@ def frame_motion(before: Transform, now: Transform) -> Array:
 # Points farther off than six medians and 1 mm are left out three times, for a far point pulls the
 # first fit and hides others. The median does not follow them while they are fewer than half.
 def first_frames(
-    observations: Observations, positions: Array, is_solved: Mask
+    observations: Observations,
+    positions: Array,
+    is_solved: Mask,
+    others: Sequence[SeenPlaces] = (),
 ) -> tuple[tuple[Transform, ...], Mask]:
-    """Return the frames that fit the nominal robot best, and which shots are near its points.
+    """Return the frames that fit the nominal robot best, and which points are near its own.
 
-    `positions` (N, 3) are the nominal robot's where it `is_solved`. Without points there are no
-    frames. Raise `ValueError` for a session of fewer than three shots, or of points on a line.
+    `positions` (N, 3) are the nominal robot's where it `is_solved`; `others` are places that a
+    tracker saw beside points, which come after these in the mask. Without any there are no frames.
+    Raise `ValueError` for a session of fewer than three of them, or of places on a line.
     """
-    kept = is_solved
-    if not len(observations):
+    kept = np.concatenate([is_solved, *(np.ones(len(seen), dtype=bool) for seen in others)])
+    if not len(kept):
         return (), kept
+    positions = np.concatenate([positions, *(seen.in_base for seen in others)])
+    points = np.concatenate([observations.points, *(seen.by_tracker for seen in others)])
+    frame = np.concatenate([observations.frame, *(seen.frame for seen in others)])
     for _ in range(3):
         frames = tuple(
-            fit_transform(positions[rows], observations.points[rows])
-            for number in range(int(observations.frame.max()) + 1)
-            for rows in [kept & (observations.frame == number)]
+            fit_transform(positions[rows], points[rows])
+            for number in range(int(frame.max()) + 1)
+            for rows in [kept & (frame == number)]
         )
-        turns, shifts = frames_of_shots(frames, observations.frame)
+        turns, shifts = frames_of_shots(frames, frame)
         predicted = (turns @ positions[..., None])[..., 0] + shifts
-        distance = np.linalg.norm(predicted - observations.points, axis=1)
+        distance = np.linalg.norm(predicted - points, axis=1)
         limit = GROSS_MEDIANS * np.median(distance[kept]) + 1.0
-        kept = is_solved & ~(distance > limit)
+        is_near = ~(distance > limit)
+        is_near[: len(is_solved)] &= is_solved
+        kept = is_near
     return frames, kept
+
+
+def places_by_tracker(model: ErrorModel, blocks: Iterable[Block]) -> Iterator[SeenPlaces]:
+    """Yield the places that a tracker saw at observations of other kinds, block by block."""
+    for block in blocks:
+        if block.kind.by_tracker:
+            yield seen_places(model, block)

@@ -45,6 +45,7 @@ from campaigns.fit.error_model import (
     first_frames,
     frame_motion,
     moved_frames,
+    places_by_tracker,
 )
 from campaigns.fit.error_sources import (
     SCATTER_TOLERANCE_MM,
@@ -460,13 +461,20 @@ def _from_nominal(model: ErrorModel, observations: Observations, prior: Prior) -
     """Return the fit before its first step: nominal or the prior's mean, in the best frames."""
     _, assembly = model.positions(np.zeros(len(model.names)), observations, observations.near)
     usable = assembly.is_solved
-    frames, is_near = first_frames(observations, assembly.points, usable)
+    by_tracker = tuple(places_by_tracker(model, observations.blocks))
+    frames, is_near = first_frames(observations, assembly.points, usable, by_tracker)
     observations = _with_substitutes(observations, usable)
     at = model.predict(np.zeros(model.size), frames, observations, observations.near)
     noise = noise_parts(model, observations, at.by_joint)
     factors = dict.fromkeys(_parts_of(noise, at), 1.0) | dict(prior.factors)
-    sizes, good = dict.fromkeys(model.sized_groups, 1.0), is_near.astype(np.float64)
-    others = tuple(np.ones(len(block)) for block in observations.blocks)
+    sizes = dict.fromkeys(model.sized_groups, 1.0)
+    good, *near = np.split(
+        is_near.astype(np.float64), np.cumsum([len(usable), *map(len, by_tracker)])[:-1]
+    )
+    others = tuple(
+        near.pop(0) if block.kind.by_tracker else np.ones(len(block))
+        for block in observations.blocks
+    )
     return Fit(model, observations, prior, at, noise, usable, good, sizes, factors, others)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from campaigns.arrays import Array
+from campaigns.arrays import Array, Index
 from campaigns.fit.effects import Effect, Moved
 from campaigns.fit.error_sources import (
     SCATTER_TOLERANCE_MM,
@@ -200,6 +200,33 @@ def slots_of(model: "ErrorModel", block: Block) -> tuple[list[Slot], list[slice]
     }
     slots, places = zip(*(named[name] for name in block.slots), strict=True)
     return list(slots), list(places)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenPlaces:
+    """Places that a tracker saw, with those of the nominal robot in its base frame."""
+
+    in_base: Array
+    """(M, 3), mm."""
+    by_tracker: Array
+    """(M, 3), mm."""
+    frame: Index
+    """Number of the frame of each, (M,)."""
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+
+# The first rows of kinds of a tracker are predicted less measured places of their first body. With
+# the base as the frame, these and the measured places are the nominal robot's own.
+def seen_places(model: "ErrorModel", block: Block) -> SeenPlaces:
+    """Return the places of a block that a tracker measured, by the nominal robot and its slots."""
+    x = np.zeros(model.size)
+    bodies = [moved_body(model, x, block, number).bodies for number in range(len(block.parts))]
+    slots = np.concatenate([slot.start for slot in slots_of(model, block)[0]])
+    seen = block.values[:, :3]
+    rows = np.asarray(block.kind.rows(block.values, bodies, slots[None]))
+    return SeenPlaces(rows[:, :3] + seen, seen, block.frame)
 
 
 # Moved joints and parameters enter the kinematics, moved points and growth are added. A part that

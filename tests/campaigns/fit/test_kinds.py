@@ -10,7 +10,14 @@ from small_fits import FRAME, STATED_MM, model_of, observed
 from campaigns.fit.effects import Ripple, Walk
 from campaigns.fit.error_model import moved_frames
 from campaigns.fit.events import candidate_parts
-from campaigns.fit.fit import estimate_sizes_and_noise, fit_model, log_evidence, update_weights
+from campaigns.fit.fit import (
+    Prior,
+    _from_nominal,
+    estimate_sizes_and_noise,
+    fit_model,
+    log_evidence,
+    update_weights,
+)
 from campaigns.fit.kinds import KINDS, TURN_LEVER_MM, Block, Bodies, differentiate
 from campaigns.fit.predicted_rows import predict_block
 from campaigns.fit.slots import FLAT_MM, FLAT_RAD, Slot
@@ -430,13 +437,25 @@ def test_a_wrong_height_is_found_and_left_out():
     assert again.good_of_others[0] == pytest.approx(good, abs=0.02)
 
 
-def test_a_tracker_needs_points_to_place_its_frame():
+def test_reflectors_place_the_frame_of_a_tracker_without_points():
     model, observations, _, _ = bed_campaign()
-    block = block_of("reflector", observed(model.with_effects(()), 6))
-    seen = replace(observations, blocks=(block,))
-    model = model.with_effects(slots_of("reflector"))
-    with pytest.raises(ValueError, match="no points place the tracker's frame of thing"):
-        fit_model(model, seen)
+    plain = model.with_effects(())
+    seen = observed(plain, 24)
+    place = np.array([20.0, -5.0, 40.0])
+    points = FRAME.apply(seen.near[:, :3] + place)  # the axes of a level plate are the base's
+    points[5] += 30.0  # far off: the first steps do without it
+    block = block_of("reflector", seen, values=points)
+    start = _from_nominal(model.with_effects(slots_of("reflector")), replace(
+        observations, blocks=(block,)), Prior())  # fmt: skip
+    assert start.good_of_others[0].tolist() == [1.0] * 5 + [0.0] + [1.0] * 18
+    (frame,) = start.at.frames
+    assert frame.rotation == pytest.approx(FRAME.rotation, abs=1e-6)
+    assert frame.translation_mm == pytest.approx(FRAME.translation_mm, abs=1e-3)
+    fit = fit_model(start.model, start.observations)
+    assert fit.has_converged
+    two = replace(observations, blocks=(block.rows(np.arange(2)),))
+    with pytest.raises(ValueError, match="points"):
+        fit_model(start.model, two)
 
 
 def test_heights_help_points():
