@@ -15,7 +15,7 @@ from campaigns.arrays import Array, Mask
 from campaigns.errors import OptionsInvalid, ShotsInvalid, ShotsMissing
 from campaigns.evaluation.decision import Decision, chance_of_larger, effective_dof
 from campaigns.files.wording import suggestion
-from campaigns.fit.error_model import Observations, first_frames
+from campaigns.fit.error_model import Observations, first_frames, frame_motion
 from campaigns.fit.fit import Fit
 from campaigns.fit.kinds import KINDS, Block, Bodies, Differentiated, differentiate
 from campaigns.fit.predicted_rows import predict_block
@@ -304,20 +304,20 @@ def tested_by(blocks: Iterable[Block]) -> frozenset[str]:
     return frozenset(name for block in blocks for name in block.kind.checks)
 
 
-# Averaged over sizes, the covariance is of the linear model at the likeliest ones. There a bed's
-# plane and the robot's base cancel, by degrees and millimetres; elsewhere a thousandth would be
-# left, more than what is tested.
+# Averaged over sizes, estimates and covariance are of the linear model at the likeliest ones. There
+# a bed's plane and the robot's base cancel, by degrees and millimetres; elsewhere a thousandth
+# would be left, more than what is tested.
 def tests_of(fit: Fit, likeliest: Fit, held_out: Iterable[Block]) -> Iterator[KindTest]:
     """Yield the test of each block that was never fitted, by a fit averaged over its sizes.
 
     `likeliest` is the fit before, at the likeliest sizes.
     """
-    middle = fit.observations.middle
+    at, middle = likeliest.at, fit.observations.middle
+    pairs = zip(at.frames, fit.at.frames, strict=True)
+    step = np.concatenate([fit.at.x - at.x, *(frame_motion(*pair) for pair in pairs)])
     for block in held_out:
-        unseen, rows = (
-            predict_block(of.model, of.at.x, of.at.frames, block, middle) for of in (fit, likeliest)
-        )
-        errors, width = unseen.residual.ravel(), unseen.residual.shape[1]
+        rows = predict_block(likeliest.model, at.x, at.frames, block, middle)
+        errors, width = (rows.residual + rows.jacobian @ step).ravel(), rows.residual.shape[1]
         by = rows.jacobian.reshape(len(errors), -1)
         noise = {part: fit.factors[part] * v for part, v in rows.noise.items()}
         covariance = by @ fit.covariance @ by.T

@@ -113,6 +113,14 @@ def test_held_out_heights_of_a_leaning_printer_are_stated_as_narrow_as_others():
     assert float(re.search(r"stated ([\d.]+) mm", says)[1]) < 0.02
 
 
+@pytest.mark.parametrize("seed", [1, 5])
+def test_held_out_heights_of_a_good_printer_contradict_nothing(seed):
+    """Bed and base move together by what sizes may be: the mean over them misses no plane."""
+    made = Printer(seed)
+    result = identified(made, touches(made), "flat")
+    assert result.judgement.verdict == "pass"
+
+
 def test_heights_beside_points_narrow_positions():
     made = Printer(7)
     shots, heights = made.points(40), touches(made)
