@@ -17,7 +17,7 @@ follow those of the table in x.
 their derivatives: the fit, hold-out pairs, plans and the gate of a run ask it.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
@@ -34,12 +34,7 @@ from campaigns.fit.error_sources import (
     tracker_columns,
 )
 from campaigns.fit.kinds import Block
-from campaigns.fit.predicted_rows import (
-    PredictedRows,
-    SeenPlaces,
-    predict_block,
-    seen_places,
-)
+from campaigns.fit.predicted_rows import PredictedRows, SeenPlaces, predict_block, seen_places
 from campaigns.fit.rigid_transforms import (
     MRAD,
     Transform,
@@ -604,10 +599,7 @@ def frame_motion(before: Transform, now: Transform) -> Array:
 # Points farther off than six medians and 1 mm are left out three times, for a far point pulls the
 # first fit and hides others. The median does not follow them while they are fewer than half.
 def first_frames(
-    observations: Observations,
-    positions: Array,
-    is_solved: Mask,
-    others: Sequence[SeenPlaces] = (),
+    observations: Observations, positions: Array, is_solved: Mask, others: Sequence[SeenPlaces] = ()
 ) -> tuple[tuple[Transform, ...], Mask]:
     """Return the frames that fit the nominal robot best, and which points are near its own.
 
@@ -637,8 +629,8 @@ def first_frames(
     return frames, kept
 
 
-def places_by_tracker(model: ErrorModel, blocks: Iterable[Block]) -> Iterator[SeenPlaces]:
-    """Yield the places that a tracker saw at observations of other kinds, block by block."""
-    for block in blocks:
-        if block.kind.by_tracker:
-            yield seen_places(model, block)
+def places_by_tracker(model: ErrorModel, blocks: Sequence[Block]) -> dict[int, SeenPlaces]:
+    """Return the places that a tracker saw at observations of other kinds, by the block's row."""
+    return {
+        row: seen_places(model, block) for row, block in enumerate(blocks) if block.kind.has_places
+    }

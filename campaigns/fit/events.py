@@ -390,10 +390,10 @@ def _variants(fit: Fit) -> Iterator[Fit]:
     """Yield the fits on the same linear model by which changes are proposed."""
     yield fit
     yield _with_stand_held(fit)
-    if (fit.usable & ~fit.kept).sum() >= LEFT_OUT:
+    if sum(int((rows.usable & (rows.good < 0.5)).sum()) for rows in fit.rows) >= LEFT_OUT:
         # a change may be what looks like wrong shots: with all of them, by the noise of the good
         # ones and by that which all show together
-        whole = replace(fit, good=fit.usable.astype(np.float64))
+        whole = fit.with_weights([rows.usable.astype(np.float64) for rows in fit.rows])
         for variant in (whole, estimate_sizes_and_noise(whole, 12)):
             yield variant
             yield _with_stand_held(variant)
@@ -588,20 +588,45 @@ def _wrong_shots(fit: Fit) -> Iterator[Event]:
 def _changes(fit: Fit) -> Iterator[Event]:
     """Yield the changes of parts with their sizes: of a frame the motion of its points."""
     moments = fit.observations.moment
-    for effect, where in zip(fit.model.effects, fit.model.effect_places, strict=True):
-        if not isinstance(effect, Step):
-            continue
-        rows = np.flatnonzero(effect.covers(moments))
+    for step in steps_of(fit):
+        rows = np.flatnonzero(step.covers(moments))
         if not len(rows):  # a change that only other shots show
             continue
-        z, covariance = fit.at.x[where], fit.covariance[where, where]
-        if effect.part == FRAME:  # a turn moves each point by another amount
-            moves = fit.at.columns_of(effect, fit.observations)[rows].reshape(-1, len(z))
-        else:
-            is_angle = changes_by_angle(effect.part, fit.model.nominal.mechanism.joints)
-            moves = np.eye(len(z)) * (ENCODER_RAD if is_angle else STEP_MM)
-        sizes, stds = moves @ z, np.sqrt(np.einsum("ij,jk,ik->i", moves, covariance, moves))
-        surest = int((np.abs(sizes) / stds).argmax())
+        size, std = _size_of(fit, step, fit.at.columns_of(step, fit.observations)[rows])
         first, last = int(rows[0]), int(rows[-1])
-        size, std = float(sizes[surest]), float(stds[surest])
-        yield Event("change", first, last, effect.parts, size, std, effect.is_lasting)
+        yield Event("change", first, last, step.parts, size, std, step.is_lasting)
+
+
+def _size_of(fit: Fit, step: Step, columns: Array) -> tuple[float, float]:
+    """Return the size of a change and its 1 σ; of a frame by its columns (M, r, k) of rows."""
+    where = fit.model.effect_places[fit.model.effects.index(step)]
+    z, covariance = fit.at.x[where], fit.covariance[where, where]
+    if step.part == FRAME:  # a turn moves each point by another amount
+        moves = columns.reshape(-1, len(z))
+    else:
+        is_angle = changes_by_angle(step.part, fit.model.nominal.mechanism.joints)
+        moves = np.eye(len(z)) * (ENCODER_RAD if is_angle else STEP_MM)
+    sizes, stds = moves @ z, np.sqrt(np.einsum("ij,jk,ik->i", moves, covariance, moves))
+    surest = int((np.abs(sizes) / stds).argmax())
+    return float(sizes[surest]), float(stds[surest])
+
+
+# Rows of other kinds that stand at the change, or of the first ones behind it.
+def changes_without_points(fit: Fit) -> Iterator[tuple[Event, int]]:
+    """Yield changes that no point is behind, as events by the rows of the block named beside."""
+    for step in steps_of(fit):
+        if step.covers(fit.observations.moment).any():
+            continue
+        firsts = []
+        for number, block in enumerate(fit.observations.blocks):
+            rows = np.flatnonzero(step.covers(block.moment))
+            if len(rows):
+                firsts.append((float(block.moment[rows].min()), number, rows))
+        if not firsts:
+            continue
+        _, number, rows = min(firsts, key=lambda first: first[:2])
+        columns = fit.at.others[number].columns_of(step)[rows]
+        size, std = _size_of(fit, step, columns)
+        order = rows[np.argsort(fit.observations.blocks[number].moment[rows], kind="stable")]
+        first, last = int(order[0]), int(order[-1])
+        yield Event("change", first, last, step.parts, size, std, step.is_lasting), number

@@ -273,7 +273,7 @@ class Fit:
     @cached_property
     def whitened_rows(self) -> tuple["Whitened", ...]:
         """Those of points, then of the other kinds of observation, block by block."""
-        factor = np.linalg.cholesky(self.normal[0] + self.precision)
+        factor = np.asarray(np.linalg.cholesky(self.normal[0] + self.precision))
         return tuple(self._whitened(rows, factor) for rows in self.rows)
 
     def _whitened(self, rows: Rows, factor: Array) -> "Whitened":
@@ -461,19 +461,18 @@ def _from_nominal(model: ErrorModel, observations: Observations, prior: Prior) -
     """Return the fit before its first step: nominal or the prior's mean, in the best frames."""
     _, assembly = model.positions(np.zeros(len(model.names)), observations, observations.near)
     usable = assembly.is_solved
-    by_tracker = tuple(places_by_tracker(model, observations.blocks))
-    frames, is_near = first_frames(observations, assembly.points, usable, by_tracker)
+    seen = places_by_tracker(model, observations.blocks)
+    frames, is_near = first_frames(observations, assembly.points, usable, tuple(seen.values()))
     observations = _with_substitutes(observations, usable)
     at = model.predict(np.zeros(model.size), frames, observations, observations.near)
     noise = noise_parts(model, observations, at.by_joint)
     factors = dict.fromkeys(_parts_of(noise, at), 1.0) | dict(prior.factors)
     sizes = dict.fromkeys(model.sized_groups, 1.0)
-    good, *near = np.split(
-        is_near.astype(np.float64), np.cumsum([len(usable), *map(len, by_tracker)])[:-1]
-    )
+    counts = [len(usable), *map(len, seen.values())]
+    good, *near = np.split(is_near.astype(np.float64), np.cumsum(counts)[:-1])
+    of_seen = dict(zip(seen, near, strict=True))
     others = tuple(
-        near.pop(0) if block.kind.by_tracker else np.ones(len(block))
-        for block in observations.blocks
+        of_seen.get(row, np.ones(len(block))) for row, block in enumerate(observations.blocks)
     )
     return Fit(model, observations, prior, at, noise, usable, good, sizes, factors, others)
 

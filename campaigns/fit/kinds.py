@@ -96,6 +96,11 @@ class Kind:
         return 1 if self.one_row else len(self.columns)
 
     @property
+    def has_places(self) -> bool:
+        """Whether its first three rows are places that a tracker took, which place its frame."""
+        return self.by_tracker and not self.one_row
+
+    @property
     def points(self) -> tuple[slice, ...]:
         """Places among the values of the points that a tracker took."""
         starts = [n for n, column in enumerate(self.columns) if column in ("x_mm", "x2_mm")]
@@ -124,7 +129,7 @@ class Block:
     frame: Index
     """Number of the frame of each observation, (M,), where a tracker took it."""
     moment: Array = field(default_factory=lambda: np.zeros(0))
-    """Rank of each in the order of time, among points too, (M,); infinite: of the robot of today."""
+    """Rank of each in the order of time, points included, (M,); infinite: of the robot of today."""
     time: Array = field(default_factory=lambda: np.zeros(0))
     """Time of each in its session, from 0 to 1, (M,)."""
     warmth: Array = field(default_factory=lambda: np.zeros(0))

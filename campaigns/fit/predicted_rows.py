@@ -153,9 +153,7 @@ def _chained(
     return chained | {"frame": by_frame if block.kind.by_tracker else 0.0 * by_frame}
 
 
-def _frames_of(
-    block: Block, frames: tuple[Transform, ...], moves: Array
-) -> tuple[Array, Array]:
+def _frames_of(block: Block, frames: tuple[Transform, ...], moves: Array) -> tuple[Array, Array]:
     """Return rotations (M, 3, 3) and shifts (M, 3) from the base into the frame of each value.
 
     `moves` (M, 6) are the motions of the tracker's frame by effects, mrad and mm.
@@ -170,9 +168,7 @@ def _frames_of(
 
 
 # Bodies at one shot share the robot's scatter: their derivatives add before they are squared.
-def _noise_of(
-    block: Block, axes: Sequence[Axis], bodies: Sequence[BodyMoves]
-) -> dict[str, Array]:
+def _noise_of(block: Block, axes: Sequence[Axis], bodies: Sequence[BodyMoves]) -> dict[str, Array]:
     """Return the parts of the noise (M, r, r) of rows with these derivatives of each body.
 
     `axes` are the robot's joints.

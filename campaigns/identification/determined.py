@@ -13,7 +13,7 @@ say much of the first and nothing of a robot's scale.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -109,6 +109,12 @@ def determined_by(
         assumed_share(fit, budget(fit, by)),
         is_tested=is_tested,
     )
+
+
+def widened(quantity: Determined, ratio: float) -> Determined:
+    """Return a quantity with σ multiplied, since held-out observations contradict it."""
+    mean, largest, rms = (ratio * std for std in (quantity.mean, quantity.max, quantity.rms))
+    return replace(quantity, mean=mean, max=largest, rms=rms)
 
 
 def determined_on_planes(fit: Fit, tested: Collection[str]) -> Iterator[Determined]:

@@ -379,6 +379,27 @@ def _change_finding(event: Event, numbers: Sequence[int], joints: Sequence[Axis]
     return Finding(CHANGE, says, "fail", numbers_of)
 
 
+def change_finding_of_rows(event: Event, what: str, joints: Sequence[Axis]) -> Finding:
+    """Say which parts changed at which observation of another kind, with no shot behind it.
+
+    `what` are those observations, such as heights of a bed, whose rows the event has.
+    """
+    scale, _ = _unit_of(event, joints)
+    parts = " or ".join(part_words(part) for part in event.parts)
+    where = f"before number {event.first} of the {what} (from 0)"
+    if not event.is_lasting:
+        where = f"from number {event.first} to {event.last} of the {what} (from 0)"
+    remedy = "mend it, and measure again what was measured before"
+    if event.parts[0] == FRAME:
+        remedy = "measure these again, or as a session of their own"
+    says = f"{parts} changed {where}, by {size_in_words(event, joints)}: {remedy}"
+    numbers: dict[str, float | str] = {
+        "part": event.parts[0], "before_observation": float(event.first),
+        "size": scale * event.size, "U": COVERAGE * scale * event.std,
+    }  # fmt: skip
+    return Finding(CHANGE, says, "fail", numbers)
+
+
 def _unit_of(event: Event, joints: Sequence[Axis]) -> tuple[float, str]:
     """Return the factor and the unit of an event's size in words: ° of an encoder, else mm."""
     is_angle = any(changes_by_angle(part, joints) for part in event.parts[:1])

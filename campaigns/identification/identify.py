@@ -44,18 +44,22 @@ from campaigns.fit.rigid_transforms import SHOTS_FOR_A_FRAME, fit_transform
 from campaigns.fit.uncertainty import NullDirections, frame_of_today, null_directions
 from campaigns.identification import findings
 from campaigns.identification.checking import fit_with_former, former_datum, misfit_of
-from campaigns.identification.determined import quantity_findings
+from campaigns.identification.determined import Determined, quantity_findings, widened
 from campaigns.identification.findings import NOTHING_UNSEEN, Finding
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.known_lengths import KnownLengths, known_lengths
+from campaigns.identification.moments import in_order_of_time, stations_of
 from campaigns.identification.observations import error_model, fitted_sessions, observations_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.other_kinds import (
     NO_KINDS,
+    KindTest,
     Measured,
     OtherKinds,
+    change_findings_of_others,
     kind_findings,
     other_kinds,
+    ratio_of,
     tested_by,
     tests_of,
 )
@@ -110,10 +114,10 @@ def identify(
             f"--for rotation: the platform of a {nominal.mechanism.name} does not turn",
             remedy="ask for position, which is the default",
         )
-    if measured and (options.model == "paper" or options.sessions):
+    if measured and options.model == "paper":
         raise OptionsInvalid(
-            "observations of other kinds are not fitted by the paper's method, nor with sessions",
-            remedy="leave out --model paper and --sessions, or the observations",
+            "observations of other kinds are not fitted by the paper's method",
+            remedy="leave out --model paper, or the observations",
         )
     # Calibrated bars are measured by the tracker alone: their shots have no joints that could be
     # fitted, so they are evaluated first and then taken out.
@@ -144,6 +148,8 @@ def fit_campaign(
     """
     at_nominal = nominal.forward(shots.joints, approach=shots.approach)
     sessions = fitted_sessions(shots, at_nominal.is_solved, options)
+    if options.sessions:
+        sessions = np.union1d(sessions, stations_of(measured))
     model = error_model(nominal, shots, options, len(sessions))
     observations = observations_of(
         shots, at_nominal.values, options, sessions if options.sessions else None
@@ -157,7 +163,9 @@ def fit_campaign(
     kinds = NO_KINDS
     try:
         if measured:
-            kinds = other_kinds(measured, nominal, observations.rows(rows))
+            of_frames = sessions if options.sessions else None
+            kinds = other_kinds(measured, nominal, observations.rows(rows), of_frames)
+            kinds, observations = in_order_of_time(kinds, observations, shots)
             model = model.with_effects((*model.effects, *kinds.slots))
             observations = replace(observations, blocks=kinds.fitted)
         fit = with_periods_of_robot(explain(model, observations.rows(rows), prior, tell))
@@ -169,7 +177,7 @@ def fit_campaign(
             "covariances; measure all over the workspace",
         ) from error
     return FittedCampaign(
-        nominal, shots, at_nominal, options, observations, fit, events, kinds=kinds
+        nominal, shots, at_nominal, options, observations, fit, events, None, kinds, sessions
     )
 
 
@@ -286,6 +294,8 @@ class FittedCampaign(StatedValues):
     """Directions that priors alone determine; None: those that these shots do not determine."""
     kinds: OtherKinds = NO_KINDS
     """Observations of other kinds."""
+    stations: Index | None = None
+    """Number of each frame's session; None: of those of the fitted shots."""
 
     @cached_property
     def fit(self) -> Fit:
@@ -311,12 +321,14 @@ class FittedCampaign(StatedValues):
         left_out = [event.first for event in self.events if event.leaves_out]
         unseen = unseen_pairs(fit, shots, self.at_nominal, solution, self.observations, left_out)
         ratio = 1.0 if unseen.test is None else unseen.test.applied_ratio
+        ratio = max(ratio, ratio_of("position", self._tests))
         positions = Uncertainty()
         if options.workspace is not None:
             repeating = repeating_share(fit, shots, self.observations)
             positions = uncertainty_of_positions(
                 fit, identified, options.workspace, ratio, repeating, tested=self._tested(unseen)
             )
+            positions = replace(positions, determined=tuple(self._widened(positions)))
         residuals = self._residuals(fit)
         all_findings = (
             *self._collect_findings(fit, null, unseen, positions, residuals),
@@ -429,10 +441,12 @@ class FittedCampaign(StatedValues):
 
     def _sessions(self, frames: tuple[Frame, ...]) -> tuple[SessionFrame, ...]:
         # Frames come in the order of the fitted sessions; a session of validation pairs alone has
-        # no frame.
+        # no frame, one of observations of other kinds alone no shots.
         session_of, numbers = self.shots.session, np.array(self.shots.numbers)
-        fitted_sessions_in_order = np.unique(session_of[self._fitted_rows]).tolist()
-        fitted = dict(zip(fitted_sessions_in_order, frames, strict=True))
+        stations = self.stations
+        if stations is None:
+            stations = np.unique(session_of[self._fitted_rows])
+        fitted = dict(zip(stations.tolist(), frames, strict=True))
         return tuple(
             SessionFrame(tuple(numbers[session_of == session].tolist()), fitted.get(session))
             for session in np.unique(session_of).tolist()
@@ -476,7 +490,8 @@ class FittedCampaign(StatedValues):
             errors = unseen.errors.summary()
             worse = f"rms {errors.before.rms:.4f} → {errors.after.rms:.4f} mm"
             yield Finding(findings.WORSE, f"hold-out pairs got worse: {worse}", "fail")
-        yield from kind_findings(fit, tests_of(fit, self.likeliest, self.kinds.held_out))
+        yield from kind_findings(fit, self._tests, self.kinds.untested)
+        yield from change_findings_of_others(fit)
         if unseen.errors is None and "position" not in self._tested(unseen):
             says = (
                 "no validation pairs: nothing shows that the result holds elsewhere; `identify "
@@ -491,6 +506,18 @@ class FittedCampaign(StatedValues):
         yield from quantity_findings(
             positions.determined, options.judged_quantities, options.rotation_deg
         )
+
+    @cached_property
+    def _tests(self) -> tuple[KindTest, ...]:
+        """Tests of the held-out observations of other kinds."""
+        return tuple(tests_of(self.fit, self.likeliest, self.kinds.held_out))
+
+    # Positions have the factor already.
+    def _widened(self, positions: Uncertainty) -> Iterator[Determined]:
+        """Yield the quantities, wider where held-out observations of other kinds contradict one."""
+        for quantity in positions.determined:
+            of_others = ratio_of(quantity.name, self._tests)
+            yield quantity if quantity.name == "position" else widened(quantity, of_others)
 
     def _tested(self, unseen: UnseenPairs) -> frozenset[str]:
         """Return the quantities that hold-out pairs and held-out observations check."""

@@ -11,22 +11,25 @@ from itertools import product
 import numpy as np
 import scipy
 
-from campaigns.arrays import Array, Mask
+from campaigns.arrays import Array, Index, Mask
 from campaigns.errors import OptionsInvalid, ShotsInvalid, ShotsMissing
 from campaigns.evaluation.decision import Decision, chance_of_larger, effective_dof
 from campaigns.files.wording import suggestion
-from campaigns.fit.error_model import Observations, first_frames, frame_motion
+from campaigns.fit.error_model import Observations, first_frames, frame_motion, frames_of_shots
+from campaigns.fit.events import changes_without_points
 from campaigns.fit.fit import Fit
 from campaigns.fit.kinds import KINDS, Block, Bodies, Differentiated, differentiate
-from campaigns.fit.predicted_rows import predict_block
+from campaigns.fit.predicted_rows import SeenPlaces, predict_block
 from campaigns.fit.rigid_transforms import Transform
-from campaigns.fit.slots import Slot, SlotKind
+from campaigns.fit.slots import PLACE, Slot, SlotKind
 from campaigns.identification.findings import (
     HOLD_OUT_LEVEL,
     MOST_WRONG_SHOTS,
+    NOT_TESTED,
     UNSEEN_ROWS,
     WRONG_ROWS,
     Finding,
+    change_finding_of_rows,
 )
 from campaigns.identification.objects import Object, linked, with_supports
 from campaigns.kinematics.model import Kinematics
@@ -69,6 +72,13 @@ class OtherKinds:
     fitted: tuple[Block, ...] = ()
     held_out: tuple[Block, ...] = ()
     slots: tuple[Slot, ...] = ()
+    untested: tuple[Block, ...] = ()
+    """Blocks held out, with surroundings that nothing fitted determines and nobody states."""
+
+    @property
+    def has_moments(self) -> bool:
+        """Whether any fitted observation has its moment."""
+        return any(bool(np.isfinite(block.moment).any()) for block in self.fitted)
 
 
 NO_KINDS = OtherKinds()
@@ -87,45 +97,83 @@ class KindTest:
     """Root mean square of their residuals."""
     stated_mm: float
     """That which the posterior and the noise state."""
+    checks: tuple[str, ...] = ()
+    """Quantities of which it is a test."""
+
+    @property
+    def applied_ratio(self) -> float:
+        """Factor of σ of these quantities: 1 while chance explains the residuals."""
+        return 1.0 if self.p >= HOLD_OUT_LEVEL else max(1.0, self.rms_mm / self.stated_mm)
 
 
 # Slots of which nothing is known come from what is fitted: held-out observations alone would not
-# determine them.
+# determine them, and test nothing.
 def other_kinds(
-    measured: Iterable[Measured], nominal: Kinematics, points: Observations | None = None
+    measured: Iterable[Measured],
+    nominal: Kinematics,
+    points: Observations | None = None,
+    sessions: Index | None = None,
 ) -> OtherKinds:
-    """Make blocks of observations; `points` place the tracker's frame for those of a tracker.
+    """Make blocks of observations, each with its moment in s, infinite where it has none.
+
+    `points` place the tracker's frames with those of a tracker's observations that have a place;
+    `sessions` are the numbers of the sessions with a frame of their own; None: one for all.
 
     Raise `OptionsInvalid` for an unknown kind or part, or objects that contradict each other,
     `ShotsMissing` for too few rows or nothing fitted, `ShotsInvalid` for values that are no
-    numbers, or joints that lead to no assembly, `ValueError` for points that place no frame.
+    numbers, or joints that lead to no assembly, `ValueError` for places that place no frame.
     """
-    frame = None
-    if points is not None:
-        assembly = nominal.mechanism.assemble(nominal.p, points.joints, points.near)
-        frame = first_frames(points, assembly.points, assembly.is_solved)[0][0]
     measured = sorted(measured, key=lambda rows: rows.held_out)
     things = linked(with_supports(rows.object for rows in measured))
     measured = [replace(rows, object=things[rows.object.name]) for rows in measured]
+    made = [(rows, _block_of(rows, nominal, sessions)) for rows in measured]
+    frames = _frames_of(nominal, [pair for pair in made if not pair[0].held_out], points)
     blocks: dict[bool, list[Block]] = {False: [], True: []}
     slots: dict[str, Slot] = {}
     lacking: dict[str, int] = {}
-    for rows in measured:
-        block = _block_of(rows, nominal)
-        blocks[rows.held_out].append(block)
-        flat = _add_slots(slots, rows.object, block, _seen(block, nominal, frame))
+    untested: list[Block] = []
+    for rows, block in made:
+        with_its = dict(slots)
+        flat = _add_slots(with_its, rows.object, block, _seen(block, nominal, frames))
         if flat and rows.held_out:
-            raise ShotsMissing(
-                f"{block.kind.plural} of {rows.object.name} are held out, but none is fitted",
-                remedy="hold out some of them, and fit the others",
-            )
+            untested.append(block)
+            continue
+        slots = with_its
+        blocks[rows.held_out].append(block)
         lacking |= {name: ROWS_OF_AN_UNKNOWN * slots[name].count for name in flat}
     _refuse_too_few(blocks[False], lacking)
-    return OtherKinds(tuple(blocks[False]), tuple(blocks[True]), tuple(slots.values()))
+    return OtherKinds(
+        tuple(blocks[False]), tuple(blocks[True]), tuple(slots.values()), tuple(untested)
+    )
 
 
-def _block_of(rows: Measured, nominal: Kinematics) -> Block:
-    """Return the block of these rows; raise if they cannot be one."""
+# A reflector whose place nothing states would pull the frame by it: it helps where nothing else is.
+def _frames_of(
+    nominal: Kinematics, made: Iterable[tuple[Measured, Block]], points: Observations | None
+) -> tuple[Transform, ...]:
+    """Return the first frames, by points and by fitted observations that have a place."""
+    stated: list[SeenPlaces] = []
+    unstated: list[SeenPlaces] = []
+    for rows, block in made:
+        if block.kind.has_places:
+            body, owner = _seen(block, nominal, ())[0], _owner(block.kind.slots[0], rows.object)
+            prior = owner.stated(PLACE.name)
+            place = body.point(np.array(prior[0])) if prior is not None else body.place
+            seen = SeenPlaces(place, block.values[:, :3], block.frame)
+            (unstated if prior is None else stated).append(seen)
+    if points is None:
+        mechanism = nominal.mechanism
+        points = Observations.unmeasured(
+            np.zeros((0, len(mechanism.joints))), np.zeros((0, len(mechanism.task)))
+        )
+    if not len(points) and not stated:
+        stated = unstated
+    assembly = nominal.mechanism.assemble(nominal.p, points.joints, points.near)
+    return first_frames(points, assembly.points, assembly.is_solved, stated)[0]
+
+
+def _block_of(rows: Measured, nominal: Kinematics, sessions: Index | None) -> Block:
+    """Return the block of these rows, its moments in s; raise if they cannot be one."""
     if rows.kind not in KINDS:
         raise OptionsInvalid(
             f"'{rows.kind}' is no kind of observation", remedy=suggestion(rows.kind, tuple(KINDS))
@@ -158,7 +206,8 @@ def _block_of(rows: Measured, nominal: Kinematics) -> Block:
         values=values,
         stated=np.asarray(std[:, :, None] ** 2 * np.eye(width)),
         slots=tuple(f"{s.name} of {o.name}" for s, o in zip(kind.slots, owners, strict=True)),
-        frame=np.zeros(len(values), dtype=np.intp),
+        frame=_frame_numbers(rows, len(values), sessions if kind.by_tracker else None),
+        moment=_moments_s(rows, len(values)),
     )
 
 
@@ -208,20 +257,55 @@ def _near(nominal: Kinematics, name: str, part: int | None, joints: Array) -> Ar
     return poses.values
 
 
+def _moments_s(rows: Measured, count: int) -> Array:
+    """Return the moments of rows in s, (M,), infinite where they are unknown."""
+    if rows.moment is None:
+        return np.full(count, np.inf)
+    moment = np.asarray(rows.moment, dtype=np.float64)
+    if moment.shape != (count,):
+        raise ShotsInvalid(
+            f"{rows.object.name}: {moment.size} moments of {count} observations",
+            remedy="give a moment of each, NaN where none is known",
+        )
+    return np.where(np.isfinite(moment), moment, np.inf)
+
+
+def _frame_numbers(rows: Measured, count: int, sessions: Index | None) -> Index:
+    """Return the number of each row's frame, (M,), among those of sessions; None: there is one."""
+    if sessions is None:
+        return np.zeros(count, dtype=np.intp)
+    if rows.session is None or np.shape(rows.session) != (count,):
+        raise OptionsInvalid(
+            f"{KINDS[rows.kind].plural} of {rows.object.name} do not all state their session",
+            remedy="give the number of the tracker's station of each, or leave out --sessions",
+        )
+    station = np.asarray(rows.session, dtype=np.intp)
+    lacking = station[~np.isin(station, sessions)]
+    if len(lacking):
+        raise ShotsInvalid(
+            f"{rows.object.name}: nothing fitted places the tracker's frame of session "
+            f"{lacking[0]}",
+            remedy="fit some of what was measured there, or leave it out",
+        )
+    return np.searchsorted(sessions, station)
+
+
 def _owner(slot: SlotKind, thing: Object) -> Object:
     """Return the object of whose surroundings a slot is."""
     return thing.support if slot.of_support else thing
 
 
-def _seen(block: Block, nominal: Kinematics, frame: Transform | None) -> list[Bodies]:
-    """Return the nominal bodies of a block in the frame in which its values are."""
+def _seen(block: Block, nominal: Kinematics, frames: tuple[Transform, ...]) -> list[Bodies]:
+    """Return the nominal bodies of a block in the frames in which its values are."""
     bodies = []
     for number, part in enumerate(block.parts):
         poses = block.near[:, number]
         axes = nominal.mechanism.seen_from(part).tool_axes(poses)
         body = Bodies(poses[:, :3], axes)
-        if block.kind.by_tracker and frame is not None:
-            body = Bodies(frame.apply(body.place), np.asarray(frame.rotation @ axes))
+        if block.kind.by_tracker and frames:
+            turns, shifts = frames_of_shots(frames, block.frame)
+            place = (turns @ body.place[..., None])[..., 0] + shifts
+            body = Bodies(np.asarray(place), np.asarray(turns @ axes))
         bodies.append(body)
     return bodies
 
@@ -335,11 +419,30 @@ def tests_of(fit: Fit, likeliest: Fit, held_out: Iterable[Block]) -> Iterator[Ki
             chance_of_larger(chi2, len(errors), dof),
             float(np.sqrt((errors**2).mean())),
             float(np.sqrt(np.trace(covariance) / len(errors))),
+            block.kind.checks,
         )
 
 
-def kind_findings(fit: Fit, tests: Iterable[KindTest]) -> Iterator[Finding]:
-    """Yield findings on observations left out, and on held-out ones farther off than σ allow."""
+def ratio_of(name: str, tests: Iterable[KindTest]) -> float:
+    """Return the factor of σ of a quantity by the tests of it: what unseen rows contradict."""
+    return max((test.applied_ratio for test in tests if name in test.checks), default=1.0)
+
+
+def change_findings_of_others(fit: Fit) -> Iterator[Finding]:
+    """Yield a finding for each change in time that no shot is behind, by other kinds' rows."""
+    for event, number in changes_without_points(fit):
+        block = fit.observations.blocks[number]
+        what = f"{block.kind.plural} of {block.name}"
+        yield change_finding_of_rows(event, what, fit.model.nominal.mechanism.joints)
+
+
+def kind_findings(
+    fit: Fit, tests: Iterable[KindTest], untested: Iterable[Block] = ()
+) -> Iterator[Finding]:
+    """Yield findings on observations left out, and on held-out ones farther off than σ allow.
+
+    `untested` are those held out that nothing can test.
+    """
     for block, good in zip(fit.observations.blocks, fit.good_of_others, strict=True):
         left_out = np.flatnonzero(good < 0.5).tolist()
         if left_out:
@@ -358,5 +461,15 @@ def kind_findings(fit: Fit, tests: Iterable[KindTest]) -> Iterator[Finding]:
             f"{test.rms_mm:.2g} mm, stated {test.stated_mm:.2g} mm (p = {test.p:.1g}, limit "
             f"{HOLD_OUT_LEVEL:g})"
         )
-        decision = None if test.p >= HOLD_OUT_LEVEL else "not decided"
+        decision = None
+        if test.p < HOLD_OUT_LEVEL:
+            decision = "not decided"
+            says += f": σ of {' and '.join(test.checks)} is multiplied by {test.applied_ratio:.2g}"
         yield Finding(UNSEEN_ROWS, says, decision, {"p": test.p, "count": float(test.count)})
+    for block in untested:
+        says = (
+            f"not tested: {len(block)} {block.kind.plural} of {block.name} were held out, and "
+            f"nothing that was fitted determines the {' or the '.join(block.slots)}: fit some of "
+            "them, or state it"
+        )
+        yield Finding(NOT_TESTED, says, "not decided", {"count": float(len(block))})

@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.errors import OptionsInvalid, ShotsInvalid, ShotsMissing
+from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.fit.error_model import Observations
 from campaigns.fit.error_sources import TRACKER_SOURCES
-from campaigns.fit.fit import Fit, fit_model, integrate_sizes
+from campaigns.fit.events import add_steps, spread_over_parts, steps_of
+from campaigns.fit.fit import Fit, fit_model, integrate_sizes, with_spread
 from campaigns.fit.uncertainty import NullDirections, null_directions, without_frame
 from campaigns.identification import findings
 from campaigns.identification.determined import (
@@ -22,19 +23,25 @@ from campaigns.identification.determined import (
     determined_on_planes,
     quantity_findings,
     rotation_determined,
+    widened,
 )
 from campaigns.identification.findings import Finding
+from campaigns.identification.moments import in_order_of_time, stations_of
 from campaigns.identification.observations import error_model
 from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.other_kinds import (
+    KindTest,
     Measured,
     OtherKinds,
+    change_findings_of_others,
     kind_findings,
     other_kinds,
+    ratio_of,
     tested_by,
     tests_of,
 )
 from campaigns.identification.result import (
+    Frame,
     IdentificationResult,
     Judgement,
     PositionStd,
@@ -52,34 +59,44 @@ def identify_without_points(
 ) -> IdentificationResult:
     """Identify a robot from observations of other kinds, and judge what they determine.
 
-    Raise `OptionsInvalid` for kinds that need points of a tracker, `ShotsInvalid` for observations
-    that lead to no robot.
+    A tracker's frame is placed by its probes and reflectors. Raise `ShotsMissing` for nothing to
+    fit, `ShotsInvalid` for observations that lead to no robot.
     """
     nominal = replace(nominal, mechanism=nominal.mechanism.body(None))  # no reflector moves along
-    kinds = other_kinds(measured, nominal)
-    if not kinds.fitted:
-        raise ShotsMissing(
-            "nothing was observed: no shots, and no observations of other kinds",
-            remedy="give shots, heights or distances",
-        )
-    for block in (*kinds.fitted, *kinds.held_out):
-        if block.kind.by_tracker:
-            raise OptionsInvalid(
-                f"{block.kind.plural} of {block.name} are in a tracker's frame, which points place",
-                remedy="measure some shots with a reflector at the controlled point as well",
-            )
+    measured = tuple(measured)
     joints, task = len(nominal.mechanism.joints), len(nominal.mechanism.task)
     nothing = Observations.unmeasured(np.zeros((0, joints)), np.zeros((0, task)))
-    model = error_model(nominal, None, options).with_effects(kinds.slots)
-    model = replace(model, held=frozenset({*model.held, *TRACKER_SOURCES}))
+    stations = stations_of(measured) if options.sessions else None
     try:
-        fit = fit_model(model, replace(nothing, blocks=kinds.fitted))
+        kinds, _ = in_order_of_time(other_kinds(measured, nominal, None, stations), nothing)
+        if not kinds.fitted:
+            raise ShotsMissing(
+                "nothing was observed: no shots, and no observations of other kinds to fit",
+                remedy="give shots, heights or distances",
+            )
+        fit = _fit(nominal, options, kinds, replace(nothing, blocks=kinds.fitted))
     except (ValueError, np.linalg.LinAlgError) as error:
         raise ShotsInvalid(
             f"the observations lead to no robot ({error})",
-            remedy="look for gross errors: order and signs of the joints, units of values",
+            remedy="look for gross errors: order and signs of the joints, units of values; a "
+            "tracker's frame needs places all over the workspace",
         ) from error
     return _Observed(nominal, options, kinds, fit).make_result()
+
+
+# Without a tracker its errors are no unknowns, and without moments nothing changes in time.
+def _fit(
+    nominal: Kinematics, options: IdentificationOptions, kinds: OtherKinds, nothing: Observations
+) -> Fit:
+    """Return the fit of observations of other kinds alone, with the changes that they show."""
+    by_tracker = [block for block in kinds.fitted if block.kind.by_tracker]
+    frames = 1 + max((int(block.frame.max()) for block in by_tracker), default=-1)
+    model = error_model(nominal, None, options, frames if kinds.has_moments else 0)
+    model = model.with_effects((*model.effects, *kinds.slots))
+    if not by_tracker:
+        model = replace(model, held=frozenset({*model.held, *TRACKER_SOURCES}))
+    fit = fit_model(model, nothing)
+    return add_steps(fit) if kinds.has_moments else fit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,17 +111,26 @@ class _Observed(StatedValues):
     def make_result(self) -> IdentificationResult:
         """Return the result with its findings and verdict."""
         null, fit = null_directions(self.likeliest), integrate_sizes(self.likeliest)
+        if steps_of(fit):
+            fit = with_spread(fit, spread_over_parts(self.likeliest))
+        tests = tuple(tests_of(fit, self.likeliest, self.kinds.held_out))
         stated = null.transform(fit.model.of_today @ fit.at.x)
         # the averaged covariance is of the linear model at the likeliest sizes
         spread = fit.covariance - self.likeliest.inverse
         averaged = replace(self.likeliest, spread=spread)
-        determined = self._determined(averaged, fit.model.kinematics(stated))
+        identified = fit.model.kinematics(stated)
+        determined = tuple(
+            widened(quantity, ratio_of(quantity.name, tests))
+            for quantity in self._determined(averaged, identified)
+        )
         positions = [PositionStd(q.mean, q.max, q.rms) for q in determined if q.name == "position"]
         return IdentificationResult(
             value=Value(
                 parameters=self.parameters(fit, null, stated),
                 undetermined=null.names,
                 sizes={group: float(size) for group, size in fit.sizes.items()},
+                tracker=self.tracker(fit) if fit.at.frames else {},
+                frame=Frame.of(fit.at.frames[0]) if fit.at.frames else None,
             ),
             uncertainty=Uncertainty(
                 scatter=self.scatter(fit),
@@ -113,7 +139,7 @@ class _Observed(StatedValues):
                 determined=determined,
             ),
             judgement=Judgement.of(
-                tuple(self._findings(fit, null, determined)),
+                tuple(self._findings(fit, null, determined, tests)),
                 ["; ".join(f"{q.name}: 1 σ is {q.rms:.2g} {q.unit} rms" for q in determined)],
             ),
             residuals=Residuals(),
@@ -140,7 +166,11 @@ class _Observed(StatedValues):
         )
 
     def _findings(
-        self, fit: Fit, null: NullDirections, determined: tuple[Determined, ...]
+        self,
+        fit: Fit,
+        null: NullDirections,
+        determined: tuple[Determined, ...],
+        tests: tuple[KindTest, ...],
     ) -> Iterator[Finding]:
         options = self.options
         if not fit.has_converged:
@@ -150,7 +180,8 @@ class _Observed(StatedValues):
         for finding in findings.tolerance_findings(fit, null):
             yield finding.accept(accepted)
         yield from findings.scatter_findings(fit)
-        yield from kind_findings(fit, tests_of(fit, self.likeliest, self.kinds.held_out))
+        yield from kind_findings(fit, tests, self.kinds.untested)
+        yield from change_findings_of_others(fit)
         wanted = options.judged_quantities
         yield from quantity_findings(determined, wanted, options.rotation_deg)
         if "position" in wanted and "position" not in tested_by(self.kinds.held_out):

@@ -135,11 +135,12 @@ def test_heights_beside_points_narrow_positions():
     assert shares["surroundings"] < 0.01
 
 
-@pytest.mark.parametrize("option", [{"model": "paper"}, {"sessions": True}])
-def test_what_does_not_fit_other_kinds_refuses_them(option):
+def test_the_papers_method_refuses_other_kinds():
     made = Printer(8)
     with pytest.raises(OptionsInvalid, match="observations of other kinds are not fitted"):
-        identify(made.points(20), made.robot, observations=touches(made), options=option)
+        identify(
+            made.points(20), made.robot, observations=touches(made), options={"model": "paper"}
+        )
 
 
 def test_each_height_may_have_its_own_uncertainty():
@@ -258,10 +259,25 @@ def test_a_probe_determines_and_tests_the_rotation(hexapod):
     assert rms < 2.0 * rotation.rms
 
 
-def test_a_probe_without_points_has_no_frame(hexapod):
+def test_a_probe_alone_places_its_frame(hexapod):
+    """Without points: where it sits on the platform is stated, by which the frame is found."""
     robot, _, _, probe = hexapod
-    with pytest.raises(OptionsInvalid, match="probes of probe are in a tracker's frame"):
-        identify(None, robot, observations=probe)
+    turn_deg = tuple(np.degrees(TURN.as_rotvec()))
+    at_tip = replace(
+        probe[0].object, place_mm=tuple(PLACE_MM), std_mm=0.05, turn_deg=turn_deg, turn_std_deg=0.02
+    )
+    asked = {"quantities": ("position,rotation",)}
+    measured = [replace(rows, object=at_tip) for rows in probe]
+    result = identify(None, robot, observations=measured, options=asked)
+    assert result.judgement.verdict == "pass"
+    place = [result.value.frame.x_mm, result.value.frame.y_mm, result.value.frame.z_mm]
+    assert place == pytest.approx(TRACKER_FROM_BASE.translation_mm, abs=0.5)
+    # a place of which nothing is known moves the controlled point itself
+    anywhere = replace(at_tip, place_mm=None, std_mm=None, turn_deg=None, turn_std_deg=None)
+    measured = [replace(rows, object=anywhere) for rows in probe]
+    result = identify(None, robot, observations=measured, options=asked)
+    assert result.judgement.obstacles == ("not-determined",)
+    assert quantities_of(result)["rotation"].is_tested
 
 
 # --- what is refused ------------------------------------------------------------------------------
@@ -288,7 +304,7 @@ def bed(count, **changed):
             OptionsInvalid,
             "r: place .* with a 1 σ of None",
         ),
-        ([bed(8, held_out=True)], ShotsMissing, "held out, but none is fitted"),
+        ([bed(8, held_out=True)], ShotsMissing, "nothing was observed"),
         ([], ShotsMissing, "nothing was observed"),
         ([bed(8, values=np.full(8, np.nan))], ShotsInvalid, "a value is no number"),
         ([bed(8, std_mm=0.0)], ShotsInvalid, "σ not above 0"),
