@@ -553,10 +553,11 @@ def _robust_start(fit: Fit) -> Fit:
         if change < 0.05:
             break
     for _ in range(3):
-        cores = []
+        cores: list[Array] = []
         for rows, (residual, covariance) in zip(fit.rows, fit.cavities, strict=True):
             scaled = np.linalg.solve(covariance, residual[..., None])[..., 0]
-            cores.append(wrong_shots.core_of((residual * scaled).sum(axis=1), rows.usable))
+            share = wrong_shots.CORE_OF_OTHERS if cores else wrong_shots.CORE_SHARE
+            cores.append(wrong_shots.core_of((residual * scaled).sum(axis=1), rows.usable, share))
         fit = estimate_sizes_and_noise(fit.with_weights(cores), 3)
     return fit
 

@@ -26,6 +26,8 @@ WRONG_BEFORE, GOOD_BEFORE = 1.0, 50.0
 """Beta prior of the share of wrong shots: as if 1 of 51 had been wrong before."""
 CORE_SHARE = 0.6
 """Share of the shots to which a concentration step fits."""
+CORE_OF_OTHERS = 0.5
+"""That of other kinds of observation, which people type: half a list may be of another thing."""
 
 
 def cavity(residual: Array, by_unknowns: Array, noise: Array, weight: Array) -> tuple[Array, Array]:
@@ -76,11 +78,14 @@ def cauchy_weights(chi2: Array, rows: int = 3) -> Array:
     return np.asarray((rows + 1.0) / (1.0 + chi2))
 
 
-def core_of(chi2: Array, usable: Mask) -> Array:
-    """Return the weights (N,), 1 or 0, of a concentration step by χ² of cavity residuals."""
+def core_of(chi2: Array, usable: Mask, share: float = CORE_SHARE) -> Array:
+    """Return the weights (N,), 1 or 0, of a concentration step by χ² of cavity residuals.
+
+    `share` of the shots have a weight.
+    """
     if not usable.any():
         return np.zeros(len(usable))
-    return np.asarray((chi2 <= np.quantile(chi2[usable], CORE_SHARE)) * usable * 1.0)
+    return np.asarray((chi2 <= np.quantile(chi2[usable], share)) * usable * 1.0)
 
 
 def log_prior_of_count(wrong: int, count: int) -> float:

@@ -1,7 +1,7 @@
 """Moments of observations of other kinds: their rank among shots, time in a session, and warmth.
 
 A fit compares moments by rank alone. Observations without a time are of the robot of today. Where
-they have times, shots need theirs as well, or nobody could say which came first.
+they have times, shots need theirs as well: nothing else says which came first.
 """
 
 from collections.abc import Iterable

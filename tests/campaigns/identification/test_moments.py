@@ -158,6 +158,18 @@ def test_half_of_the_widths_mistyped_are_named_and_pass_nothing(seed, with_point
     assert result.judgement.verdict == "not decided"
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_half_of_the_widths_mistyped_are_named_without_anything_else(seed):
+    made = Printer(seed)
+    widths = made.widths(65.0, shrinkage=(0.002, 0.003), wrong=tuple(range(6, 12)))
+    result = identified(made, [widths], "position")
+    (wrong,) = says(result, "wrong-observations")
+    assert wrong.startswith(
+        "distances of part left out as wrong: 6, 7, 8, 9, 10, 11 (from 0), 50 %"
+    )
+    assert (result.judgement.verdict, says(result, "scatter")) == ("not decided", [])
+
+
 # --- held-out rows --------------------------------------------------------------------------------
 
 
