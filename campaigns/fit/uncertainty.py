@@ -204,8 +204,8 @@ def length_std(by: Array, covariance: Array) -> Array:
 # As C⁻¹ = w A'WA + D and W = W (Σ φ_k V_k) W,
 #     C = C C⁻¹ C = C (Σ_k φ_k w A'W V_k W A + Σ_g D_g) C
 # and each part k of the noise and each group g of priors has a term of its own in B C B'. A part's
-# term is the sum of squares of √w L'W A C B' with the Cholesky factor L L' = φ V; the 1e-18 mm² let
-# a singular part, such as noise along the beam alone, be factored. A former result is one prior of
+# term is the sum of squares of √w L'W A C B' with L L' = φ V, by eigenvectors: noise along the beam
+# alone, or scatter that rows share, is singular. A former result is one prior of
 # all unknowns, whose rows are no sources by themselves. Unknown sizes have the rest of B C B'.
 def budget(fit: Fit, by: Array) -> Mapping[str, float]:
     """Return the mean squares (mm²) that each source gives to positions with derivatives `by`.
@@ -220,9 +220,9 @@ def budget(fit: Fit, by: Array) -> Mapping[str, float]:
     for observed in fit.rows:
         root = (observed.good**0.5)[:, None, None]
         weighted = root * (observed.inverse_noise @ observed.jacobian)
-        singular = 1e-18 * np.eye(weighted.shape[1])
         for part, covariance in observed.noise.items():
-            noise = np.linalg.cholesky(fit.factors[part] * covariance + singular)
+            variances, axes = np.linalg.eigh(fit.factors[part] * covariance)
+            noise = axes * np.sqrt(np.maximum(variances, 0.0))[:, None]
             of_part = (noise.swapaxes(1, 2) @ weighted).reshape(-1, len(fit.inverse))
             share = float(((of_part @ influence.T) ** 2).sum()) / points
             shares[part] = shares.get(part, 0.0) + share

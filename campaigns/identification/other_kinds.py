@@ -73,7 +73,7 @@ class OtherKinds:
     held_out: tuple[Block, ...] = ()
     slots: tuple[Slot, ...] = ()
     untested: tuple[Block, ...] = ()
-    """Blocks held out, with surroundings that nothing fitted determines, and that are not stated."""
+    """Blocks held out, with surroundings that nothing fitted or stated determines."""
 
     @property
     def has_moments(self) -> bool:

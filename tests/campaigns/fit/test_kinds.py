@@ -366,6 +366,21 @@ def test_points_are_equal_to_reflectors_at_a_known_place(halves):
     assert sum(shares.values()) == pytest.approx(total, rel=1e-9)
 
 
+def test_scatter_that_rows_share_has_its_share_in_the_budget():
+    """Two reflectors at one pose scatter together: of their six rows in three directions alone."""
+    bare = model_of("hexapod", "places")
+    model = bare.with_effects(slots_of("reflectors"))
+    block = block_of("reflectors", observed(bare, 12, seed=2))
+    block = replace(block, values=np.tile(FRAME.translation_mm, (12, 2)))
+    at = predict_block(model, np.zeros(model.size), (FRAME,), block, MIDDLE)
+    block = replace(block, values=block.values + at.residual)
+    fit = fit_model(model, replace(observed(bare), blocks=(block,)))
+    fit = replace(fit, factors={**fit.factors, "points": 1.0, "joints": 1.0})
+    by = np.random.default_rng(1).normal(size=(7, 3, model.size))
+    total = (length_std(by, fit.covariance[: model.size, : model.size]) ** 2).mean()
+    assert sum(budget(fit, by).values()) == pytest.approx(total, rel=1e-9)
+
+
 def test_evidence_counts_rows_of_all_kinds(halves):
     """One more row of either kind that fits as all do changes the evidence by as much."""
     points, mixed = halves
