@@ -62,6 +62,12 @@ class CampaignConfig(yaml_file.FileModel):
         description="calibrated lengths that show the tracker's scale: name, length_mm, std_mm and "
         "pairs of the set known-length, or the two nests at its ends",
     )
+    objects: sections.Objects = Field(
+        default=(),
+        max_length=100,
+        description="what the rows of observations.csv are of: a bed, a block on it, a printed "
+        "part, a probe; [] or - {name: bed}",
+    )
     reference_temperature_degC: float = Field(
         default=20.0,
         ge=-40.0,

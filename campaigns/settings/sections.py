@@ -170,6 +170,62 @@ def bar_of(
     return for_all[0] if len(for_all) == 1 else None
 
 
+Length = Annotated[float, Field(ge=-10_000.0, le=10_000.0)]
+Percent = Annotated[float, Field(ge=-10.0, le=10.0)]
+
+
+class ObjectConfig(FileModel):
+    """What was measured besides the robot, or carried by it: a bed, a block, a part, a probe."""
+
+    name: str = Field(
+        min_length=1, max_length=64, description="the object's name in observations.csv"
+    )
+    body: Literal["tool", "half 1", "half 2"] | None = Field(
+        default=None,
+        description="the part of the platform that carries it: tool, half 1 or half 2; empty: the "
+        "controlled point",
+    )
+    on: str | None = Field(default=None, description="the name of the object that it stands on")
+    place_mm: Point | None = Field(
+        default=None, description="its place on its body, or in the base frame, [x, y, z] mm"
+    )
+    std_mm: float | None = Field(
+        default=None,
+        gt=0.0,
+        le=1000.0,
+        description="1 σ of what is stated of it: its place, height or length, mm",
+    )
+    shrinkage_percent: Percent = Field(
+        default=0.0, description="how much a printed part shrank before it was measured, %"
+    )
+    shrinkage_std_percent: float | None = Field(
+        default=None,
+        ge=0.0,
+        le=10.0,
+        description="1 σ of this shrinkage, %; 0.3 of a usual plastic, 0.01 of a part that was "
+        "measured against a gauge",
+    )
+    height_mm: Length | None = Field(
+        default=None, description="the height of a block above what it stands on, mm"
+    )
+    length_mm: Distance | None = Field(
+        default=None, description="the length of a bar or gauge block, mm"
+    )
+
+
+def _check_objects(objects: tuple[ObjectConfig, ...]) -> tuple[ObjectConfig, ...]:
+    names = [item.name for item in objects]
+    if len(set(names)) < len(names):
+        raise broken_rule(f"has two objects of one name, of {names}")
+    for item in objects:
+        if item.on is not None and (item.on == item.name or item.on not in names):
+            raise broken_rule(f"has {item.name} on {item.on}, must be another of {names}")
+    return objects
+
+
+Objects = Annotated[tuple[ObjectConfig, ...], AfterValidator(_check_objects)]
+
+
 class WatchConfig(FileModel):
     """How rows of a watched file are read; a header in the file takes precedence."""
 
