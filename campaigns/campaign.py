@@ -128,7 +128,7 @@ class CampaignFolder:
         """Settings that an identification rests on, without those at their defaults."""
         # Acceptance limits are not among them: they may be agreed late. A result whose verdict
         # rests on limits keeps them itself (`RecordedIdentification.outdated_by`).
-        keys = {"space", "known_lengths"}
+        keys = {"space", "known_lengths", "objects"}
         return self.config.model_dump(mode="json", include=keys, exclude_defaults=True)
 
     def outdated(self, identification: RecordedIdentification) -> tuple[str, ...]:
@@ -253,18 +253,23 @@ class CampaignFolder:
     def require_journal(self) -> None:
         """Raise `ShotsMissing` if there is no journal yet."""
         if not self.journal_path.exists():
-            raise self._nothing_measured()
+            raise self.nothing_measured()
 
     def measured_series(self, journal: JournalReader) -> Series:
         """Return the series to identify from, the latest run or import; raise `ShotsMissing`."""
+        series = self.series_to_identify(journal)
+        if series is None:
+            raise self.nothing_measured()
+        return series
+
+    def series_to_identify(self, journal: JournalReader) -> Series | None:
+        """Return the latest run or import; None if no tracker has measured anything yet."""
         # A run may be unfinished: its accepted shots are good. An import without an end broke off
         # while it was written. Shots at bars of known length alone determine no robot: they are
         # added to those of another series (`known_length_shots`).
         runs, imports = journal.series("run"), journal.series("import")
         whole = [each for each in imports if each.finished and not each.of_known_lengths]
-        if not (runs or whole):
-            raise self._nothing_measured()
-        return max((*runs, *whole), key=lambda series: series.number)
+        return max((*runs, *whole), key=lambda series: series.number, default=None)
 
     def known_length_shots(self, journal: JournalReader) -> tuple[AcceptedShot, ...]:
         """Return the shots of the latest whole import of known lengths alone; () without one."""
@@ -272,7 +277,7 @@ class CampaignFolder:
         shots = [each.shots for each in imports if each.of_known_lengths]
         return shots[-1] if shots else ()
 
-    def _nothing_measured(self) -> ShotsMissing:
+    def nothing_measured(self) -> ShotsMissing:
         """Return the error that there are no shots yet."""
         return ShotsMissing(
             f"{self.folder}: nothing has been measured yet",

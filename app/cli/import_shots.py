@@ -1,6 +1,7 @@
 """pkmcal import: take shots that were measured with other software."""
 
 import shlex
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from campaigns.evidence import evaluate
 from campaigns.options import ValidationStage
 from campaigns.shots.import_export import ImportedFile
 from campaigns.shots.joined_shots import Join, holds_joints, join_shots
+from campaigns.shots.observations_csv import holds_observations, read_observations
 from campaigns.shots.point_files import PointFile, read_points
 from campaigns.shots.point_layout import PointFormat
 from campaigns.shots.point_words import MM_PER_UNIT, Coordinates, DecimalSign, LengthUnit
@@ -26,9 +28,11 @@ from campaigns.shots.shots_csv import ShotRow, in_unit, read_shots
 from campaigns.workflow.importing import (
     ImportTerms,
     declared_set,
+    import_observations,
     import_shots,
     import_validation,
     replaced_import,
+    replaced_observations,
 )
 from campaigns.workflow.programs import joints_path
 from drivers.bounded_files import Encoding, is_there
@@ -41,7 +45,9 @@ class ImportAnswer:
     """Answer of `import`."""
 
     series: int
+    """Number of the series; 0 for observations of other kinds than points, which are of none."""
     shots: int
+    """Number of shots, or of observations."""
 
 
 def command(
@@ -49,7 +55,9 @@ def command(
     folder: Folder,
     file: Annotated[
         Path | None,
-        typer.Argument(metavar="FILE", help="A shots.csv or points.", show_default=False),
+        typer.Argument(
+            metavar="FILE", help="A shots.csv, points or an observations.csv.", show_default=False
+        ),
     ] = None,
     *,
     form: Annotated[
@@ -144,9 +152,15 @@ def command(
     iso-cube. The controller's parameters are declared, not read, and the report says so. Exit code
     1 has the same meaning as for `pkmcal validate`.
 
+    A CSV file with a column kind holds observations of other kinds than points: heights of a bed,
+    distances by callipers, poses of a probe. Its columns are kind, object, the joints, value_mm (or
+    x_mm, y_mm, z_mm and what else the kind measures), std_mm, pair and set. Objects stand under
+    objects in campaign.yaml. `pkmcal identify` uses them with the shots, or alone.
+
     The journal keeps the files' names and sha256, and the report shows them.
 
     pkmcal import cell-5 shots.csv
+    pkmcal import cell-5 observations.csv
     pkmcal import cell-5 points.txt --unit mm
     pkmcal import cell-5 points.txt --stage before
     """
@@ -167,6 +181,14 @@ def command(
         decimal=decimal,
         encoding=encoding,
     )
+    if form is None and holds_observations(file):
+        if stage or joints or turns or of_points != PointFormat():
+            raise OptionsInvalid(
+                f"{file}: options of shots and points are not for observations (column kind)",
+                remedy="leave out all options but --force",
+            )
+        _import_observations(terminal, campaign, file, force=force)
+        return
     # 2. read it: rows with joints in both cases, lengths in mm
     if form == "ascii" or (form is None and not holds_joints(file, mechanism)):
         joints = joints or _planned_joints(campaign, file, stage or "run")
@@ -215,6 +237,26 @@ def command(
         )
     following = tell_next(terminal, campaign, evaluation=evaluation)
     terminal.conclude(ImportAnswer(series, len(rows)), following)
+
+
+def _import_observations(
+    terminal: Terminal, campaign: Campaign, file: Path, *, force: bool
+) -> None:
+    """Import observations of other kinds than points, and report what is next."""
+    names = [item.name for item in campaign.config.objects]
+    rows = read_observations(file, campaign.robot.mechanism, names)
+    objection = None if force else replaced_observations(campaign, file.name)
+    force = force or bool(
+        objection and terminal.asks(f"{objection.problem}. Import it in their place?")
+    )
+    with terminal.telling("comparing the observations with the robot and the journal"):
+        files = (ImportedFile.of(file),)
+        terms = ImportTerms(name=str(file), files=files, tell=terminal.note, anyway=force)
+        import_observations(campaign, rows, terms)
+    counts = Counter((row.kind, row.object) for row in rows)
+    listed = ", ".join(f"{count} of {of} ({kind})" for (kind, of), count in counts.items())
+    terminal.say(f"imported: {len(rows)} observations: {listed}")
+    terminal.conclude(ImportAnswer(0, len(rows)), tell_next(terminal, campaign))
 
 
 def _read_asking(terminal: Terminal, file: Path, form: PointFormat) -> PointFile:

@@ -59,7 +59,14 @@ EventKind = Literal[
     "gone on anyway",
 ]
 FindingKind = Literal[
-    "identification", "validation", "check", "export", "load begun", "load", "load failed"
+    "identification",
+    "validation",
+    "check",
+    "export",
+    "load begun",
+    "load",
+    "load failed",
+    "observations",
 ]
 """After "load begun" follows "load" if it took effect, or "load failed"; neither if it crashed."""
 

@@ -195,6 +195,12 @@ class ObjectConfig(FileModel):
         le=1000.0,
         description="1 σ of what is stated of it: its place, height or length, mm",
     )
+    turn_deg: Point | None = Field(
+        default=None, description="the rotation vector of its axes on its body, [x, y, z] deg"
+    )
+    turn_std_deg: float | None = Field(
+        default=None, gt=0.0, le=180.0, description="1 σ of this turn, deg"
+    )
     shrinkage_percent: Percent = Field(
         default=0.0, description="how much a printed part shrank before it was measured, %"
     )
@@ -202,14 +208,16 @@ class ObjectConfig(FileModel):
         default=None,
         ge=0.0,
         le=10.0,
-        description="1 σ of this shrinkage, %; 0.3 of a usual plastic, 0.01 of a part that was "
-        "measured against a gauge",
+        description="1 σ of this shrinkage, %: 0.3 of a usual plastic; empty: nothing is known",
     )
     height_mm: Length | None = Field(
         default=None, description="the height of a block above what it stands on, mm"
     )
     length_mm: Distance | None = Field(
         default=None, description="the length of a bar or gauge block, mm"
+    )
+    length_std_mm: float | None = Field(
+        default=None, gt=0.0, le=1000.0, description="1 σ of this length; empty: that of std_mm"
     )
 
 

@@ -16,15 +16,26 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from campaigns.campaign import Campaign, now_utc
 from campaigns.identification.identify import identify as identify_shots
-from campaigns.identification.observations import asked_shots
+from campaigns.identification.observations import HOLD_OUT_SEED, asked_shots
+from campaigns.identification.observed import hold_out, measured_of, objects_of
 from campaigns.identification.options import IdentificationOptions, matching, named_priors
-from campaigns.identification.result import RecordedIdentification
+from campaigns.identification.other_kinds import Measured
+from campaigns.identification.result import IdentificationResult, RecordedIdentification
+from campaigns.identification.without_points import identify_without_points
+from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding
+from campaigns.journal.views import Series
 from campaigns.settings.option import typed_words
+from campaigns.shots.observation_records import recorded_observations
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import shots_of_journal, with_readings
+from campaigns.shots.shots import Shots, shots_of_journal, with_readings
+
+WITHOUT_SHOTS = 0
+"""Number of the series of an identification from observations alone; series count from 1."""
 
 
 def identify(
@@ -33,6 +44,8 @@ def identify(
     tell: Callable[[str], None] = lambda _: None,
 ) -> RecordedIdentification:
     """Identify from the latest run or import, and write the result into the journal.
+
+    Imported observations of other kinds are fitted with the shots, or alone if there are none.
 
     Args:
         campaign: The campaign, with accepted shots of a run, or an import.
@@ -60,24 +73,26 @@ def identify(
     fit_options = identification_options(campaign, options)
     campaign.require_journal()
     with campaign.journal() as journal:
-        series = campaign.measured_series(journal)
-        measured = journal.shots(series.number)
-        # a run that measured the bars itself needs no shots at bars from elsewhere
-        if not any(shot.intent.purpose == ShotSet.KNOWN_LENGTH.value for shot in measured):
-            measured = (*measured, *campaign.known_length_shots(journal))
-        shots = shots_of_journal(measured, robot.mechanism)
-        shots = with_readings(shots, campaign.config.part_temperatures)
-        shots = asked_shots(shots, robot.mechanism.joints, options)
+        series = campaign.series_to_identify(journal)
+        measured = _observations(campaign, journal, options)
+        if series is None and not measured:
+            raise campaign.nothing_measured()
+        shots = None if series is None else _shots(campaign, journal, series, options)
         started_s = time.perf_counter()
-        result = identify_shots(robot.kinematics, shots, fit_options, tell)
+        result: IdentificationResult
+        if shots is None:
+            tell("fitting observations without a tracker")
+            result = identify_without_points(robot.kinematics, measured, fit_options)
+        else:
+            result = identify_shots(robot.kinematics, shots, fit_options, tell, measured)
         recorded = RecordedIdentification.of(
             result,
             seconds=time.perf_counter() - started_s,
-            series=series.number,
-            shots=len(shots),
+            series=WITHOUT_SHOTS if series is None else series.number,
+            shots=0 if shots is None else len(shots),
             asked=tuple(typed_words(options)),
             robot_digest=robot.digest(),
-            plan_digest=series.started.plan_digest,
+            plan_digest="" if series is None else series.started.plan_digest,
             journal_digest=journal.digest(),
             journal_records=journal.last_number(),
             at_utc=now_utc(),
@@ -85,6 +100,30 @@ def identify(
         )
         journal.append(Finding("identification", recorded.document()))
     return recorded
+
+
+def _shots(
+    campaign: Campaign, journal: JournalReader, series: Series, options: IdentificationOptions
+) -> Shots:
+    """Return the shots of a series as options ask for them, those at bars from elsewhere too."""
+    mechanism = campaign.robot.mechanism
+    measured = journal.shots(series.number)
+    # a run that measured the bars itself needs no shots at bars from elsewhere
+    if not any(shot.intent.purpose == ShotSet.KNOWN_LENGTH.value for shot in measured):
+        measured = (*measured, *campaign.known_length_shots(journal))
+    shots = shots_of_journal(measured, mechanism)
+    shots = with_readings(shots, campaign.config.part_temperatures)
+    return asked_shots(shots, mechanism.joints, options)
+
+
+def _observations(
+    campaign: Campaign, journal: JournalReader, options: IdentificationOptions
+) -> tuple[Measured, ...]:
+    """Return the observations of other kinds than points, a share held out as options ask."""
+    rows = recorded_observations(journal).rows
+    rng = np.random.default_rng(HOLD_OUT_SEED)
+    rows = hold_out(rows, options.hold_out, rng) if options.hold_out else rows
+    return measured_of(rows, objects_of(campaign.config.objects))
 
 
 def identification_options(

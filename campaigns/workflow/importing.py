@@ -26,12 +26,23 @@ from campaigns.controllers.load_checks import read_parameter_file
 from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.evaluation.plausibility import check_distances, check_shots
 from campaigns.evidence import STAGES
+from campaigns.identification.observed import measured_of, objects_of
+from campaigns.identification.other_kinds import other_kinds
+from campaigns.identification.plausible_observations import check_observations
 from campaigns.journal.records import Finding, Stage
 from campaigns.kinematics.model import Kinematics
 from campaigns.options import ValidationStage
 from campaigns.robots.reduced_form import form_of
 from campaigns.settings.sections import TrackerConfig
 from campaigns.shots.import_export import ImportedFile, ImportedSeries, append_import, refuse_copies
+from campaigns.shots.observation_records import (
+    NO_OBSERVATIONS,
+    RecordedObservations,
+    append_observations,
+    recorded_observations,
+    refuse_copied_observations,
+)
+from campaigns.shots.observations_csv import ObservationRow, require_measured
 from campaigns.shots.point_words import LengthUnit
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, time_order
@@ -89,6 +100,57 @@ def import_shots(
     with campaign.journal() as journal:
         imported = ImportedSeries(robot.digest(), settings, terms.files)
         return append_import(journal, rows, robot.kinematics, imported, order)
+
+
+def import_observations(
+    campaign: Campaign, rows: Sequence[ObservationRow], terms: ImportTerms
+) -> None:
+    """Write a file of observations of other kinds than points into the journal, in one record.
+
+    Args:
+        campaign: The campaign, whose `objects` were measured.
+        rows: The observations, all measured.
+        terms: The one file that they come from, and what is overruled.
+
+    Raises:
+        OptionsInvalid: They would take the place of an earlier file of that name, or are of an
+            object that campaign.yaml does not have.
+        ShotsMissing: Too few to say more than where an object is.
+        ShotsInvalid: They cannot be this robot's, are copies, or have no values yet.
+    """
+    name, file = terms.name, next(iter(terms.files), ImportedFile(terms.name, ""))
+    require_measured(rows, name)
+    if not terms.anyway and (objection := replaced_observations(campaign, file.name)):
+        raise objection
+    others = [each for each in _observations(campaign).files if each.name != file.name]
+    refuse_copied_observations(rows, others, name)
+    objects = objects_of(campaign.config.objects)
+    counting = [row for each in others for row in each.rows]
+    nominal, limit_mm = campaign.robot.kinematics, campaign.config.gate.distance_mm
+    check_observations(nominal, rows, objects, limit_mm, name)
+    other_kinds(measured_of([*counting, *rows], objects), nominal)  # refuses too few of them
+    with campaign.journal() as journal:
+        append_observations(journal, rows, file)
+
+
+def replaced_observations(campaign: Campaign, file: str) -> OptionsInvalid | None:
+    """Return the objection to a file that takes the place of an earlier one; None without one."""
+    earlier = next((each for each in _observations(campaign).files if each.name == file), None)
+    if earlier is None:
+        return None
+    return OptionsInvalid(
+        f"{file}: a file of that name with {len(earlier.rows)} observations is there already; from "
+        "this import on the new ones alone would count",
+        remedy="--force takes them in its place; a file of another name adds to it",
+    )
+
+
+def _observations(campaign: Campaign) -> RecordedObservations:
+    """Return the observations of the journal; none without one."""
+    if not campaign.journal_path.exists():
+        return NO_OBSERVATIONS
+    with campaign.journal_reader() as journal:
+        return recorded_observations(journal)
 
 
 def declared_set(

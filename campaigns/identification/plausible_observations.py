@@ -1,0 +1,176 @@
+"""Plausibility of observations of other kinds than points, judged by the nominal robot.
+
+A fit cannot distinguish callipers in centimetres from a part that shrank by nine tenths. Only the
+nominal robot contradicts it: with the surroundings that fit it best its values must be the measured
+ones, nearly so before any fit of its own. If they are not, the values are tried in the other units
+and with the other sign; a reading that fits far better names the cause. Half of the rows decide, so
+that single wrong ones are no cause. What a tracker took is judged with its points.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from campaigns.arrays import Array
+from campaigns.errors import ShotsInvalid, ShotsMissing
+from campaigns.evaluation.plausibility import BETTER_BY, UNITS
+from campaigns.fit.kinds import KINDS, Block, Bodies, differentiate
+from campaigns.identification.objects import Object
+from campaigns.identification.observed import measured_of
+from campaigns.identification.other_kinds import Measured, OtherKinds, other_kinds
+from campaigns.kinematics.model import Kinematics
+from campaigns.shots.observations_csv import ObservationRow
+from campaigns.shots.point_words import MM_PER_UNIT
+from drivers.values import DISTANCE
+
+PLAUSIBLE_MM = 1.0
+"""Misfit below which values are not doubted; robots before any calibration stay below some mm."""
+LEAST_SPREAD_MM = 5.0
+"""Spread of places below which they are one place, at which nothing is determined."""
+ROUGH_SHRINKAGE_PERCENT = 5.0
+"""Shrinkage that no part exceeds: where nothing is stated it would explain any unit."""
+
+
+def check_observations(
+    nominal: Kinematics,
+    rows: Sequence[ObservationRow],
+    objects: Sequence[Object],
+    limit_mm: float,
+    where: str,
+) -> None:
+    """Raise `ShotsInvalid`, naming line or cause, for observations that cannot be this robot's.
+
+    `where` names the file, `limit_mm` is the largest plausible misfit. Raise `OptionsInvalid` for
+    an object that is not among the objects.
+    """
+    rough = tuple(_with_rough_shrinkage(thing) for thing in objects)
+    measured = [replace(group, held_out=False) for group in measured_of(rows, rough)]
+    _check_assembly(nominal, rows, {thing.name: thing for thing in objects}, where)
+    for row in rows:
+        _check_distance(row, where)
+    for name in dict.fromkeys(row.object for row in rows):
+        _check_object(nominal, [m for m in measured if m.object.name == name], limit_mm, where)
+
+
+def _with_rough_shrinkage(thing: Object) -> Object:
+    if thing.shrinkage_std_percent is not None:
+        return thing
+    return replace(thing, shrinkage_std_percent=ROUGH_SHRINKAGE_PERCENT)
+
+
+def _check_assembly(
+    nominal: Kinematics, rows: Sequence[ObservationRow], objects: dict[str, Object], where: str
+) -> None:
+    """Raise `ShotsInvalid` for the first row at whose joints the nominal robot has no pose."""
+    for row in rows:
+        solved = _seen_from(nominal, objects[row.object]).forward(np.array(row.joints)).is_solved
+        if not solved.all():
+            raise ShotsInvalid(
+                f"{where}:{row.line}: the nominal robot cannot be assembled at its joints",
+                remedy="check the order, signs and units of the joints, and that it is this "
+                "robot's file",
+            )
+
+
+def _seen_from(nominal: Kinematics, thing: Object) -> Kinematics:
+    """Return the nominal robot seen from the part that carries an object, where it has that."""
+    try:
+        return replace(nominal, mechanism=nominal.mechanism.seen_from(thing.part))
+    except ValueError:  # `other_kinds` says so with a remedy
+        return nominal
+
+
+def _check_distance(row: ObservationRow, where: str) -> None:
+    """Raise `ShotsInvalid` for a point where no tracker measures."""
+    if not KINDS[row.kind].by_tracker:
+        return
+    far_mm = float(np.linalg.norm(row.values[:3]))
+    if not DISTANCE.least <= far_mm <= DISTANCE.most:
+        raise ShotsInvalid(
+            f"{where}:{row.line}: its point is {far_mm:.6g} mm from the tracker, must be "
+            f"{DISTANCE.least:g} to {DISTANCE.most:g}",
+            remedy="correct the row, or the unit of its columns",
+        )
+
+
+def _check_object(
+    nominal: Kinematics, measured: Sequence[Measured], limit_mm: float, where: str
+) -> None:
+    """Raise `ShotsInvalid` where values of an object fit far better in another unit, or never."""
+    if any(KINDS[group.kind].by_tracker for group in measured):
+        return
+    name = measured[0].object.name
+    try:
+        as_written = other_kinds(measured, nominal)
+    except ShotsMissing:
+        return  # too few to judge, which is refused by itself
+    places = np.concatenate([block.near[..., :3].reshape(-1, 3) for block in as_written.fitted])
+    spread_mm = float(np.ptp(places, axis=0).max())
+    if spread_mm < LEAST_SPREAD_MM:
+        raise ShotsInvalid(
+            f"{where}: all places of {name} are within {spread_mm:.2g} mm of each other, must be "
+            f"{LEAST_SPREAD_MM:g} mm apart",
+            remedy="give joints in the units of their columns, and measure at many places",
+        )
+    misfit_mm = _misfit(as_written, nominal)
+    if misfit_mm <= PLAUSIBLE_MM:
+        return
+    causes = {
+        cause: _misfit(other_kinds(meant, nominal), nominal) for cause, meant in _readings(measured)
+    }
+    cause = min(causes, key=lambda words: causes[words])
+    if causes[cause] <= BETTER_BY * misfit_mm / 2.0:
+        raise ShotsInvalid(
+            f"{where}: {cause}: half of the {measured[0].kind}s of {name} are {misfit_mm:.3g} mm "
+            f"or more from the nominal robot as written, {causes[cause]:.2g} mm so read",
+            remedy="give values in mm, above the plane positive",
+        )
+    if misfit_mm > limit_mm:
+        raise ShotsInvalid(
+            f"{where}: half of the {measured[0].kind}s of {name} are {misfit_mm:.3g} mm or more "
+            f"from what the nominal robot has, limit {limit_mm:g} mm",
+            remedy="look at the order of rows and joints, and whether this is the robot of "
+            "robot.yaml; a robot that is so far off needs a larger gate.distance_mm",
+        )
+
+
+def _readings(measured: Sequence[Measured]) -> Iterator[tuple[str, Sequence[Measured]]]:
+    """Yield causes by which values may be meant otherwise, with the values so read."""
+    factors = {f"the values look like {UNITS[unit]}": mm for unit, mm in MM_PER_UNIT.items()}
+    factors["the values seem to have the other sign"] = -1.0
+    for cause, factor in factors.items():
+        if factor != 1.0:
+            yield cause, [replace(group, values=_scaled(group, factor)) for group in measured]
+
+
+def _scaled(group: Measured, factor: float) -> Array:
+    """Return values (M, v) with their lengths multiplied by a factor."""
+    is_length = [name.endswith("_mm") for name in KINDS[group.kind].columns]
+    return np.asarray(group.values * np.where(is_length, factor, 1.0))
+
+
+def _misfit(kinds: OtherKinds, nominal: Kinematics) -> float:
+    """Return the median residual of the nominal robot, with surroundings that fit it best, mm."""
+    slots = {slot.name: slot.start for slot in kinds.slots}
+    residuals = [
+        np.linalg.norm(
+            differentiate(
+                block.kind,
+                block.values,
+                _bodies_of(block, nominal),
+                np.concatenate([slots[name] for name in block.slots]),
+            ).residual,
+            axis=1,
+        )
+        for block in kinds.fitted
+    ]
+    return float(np.median(np.concatenate(residuals)))
+
+
+def _bodies_of(block: Block, nominal: Kinematics) -> list[Bodies]:
+    """Return the nominal bodies of a block in the base frame."""
+    return [
+        Bodies(poses[:, :3], nominal.mechanism.seen_from(part).tool_axes(poses))
+        for part, poses in zip(block.parts, np.moveaxis(block.near, 1, 0), strict=True)
+    ]
