@@ -58,6 +58,11 @@ from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.kinematics.mechanism import Mechanism
 from campaigns.planning.plan_file import PlannedShot, plan_difference, plan_digest
 from campaigns.robots.robot import RobotFile, read_robot
+from campaigns.shots.observation_records import (
+    NO_OBSERVATIONS,
+    RecordedObservations,
+    recorded_observations,
+)
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_journal
 from campaigns.shots.stops import by_stops
@@ -150,6 +155,8 @@ class Evidence:
     """Series that was identified from, or that the next identification would use."""
     after: tuple[MeasuredSeries, ...] = ()
     """Series of the validation after calibration, oldest first."""
+    observations: RecordedObservations = NO_OBSERVATIONS
+    """Imported observations of other kinds than points."""
     identification: RecordedIdentification | None = None
     """Latest identification."""
     loaded: Load | None = None
@@ -452,6 +459,11 @@ def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
     campaign, unreadable = files.campaign, [*files.unreadable]
     entries, all_series = journal.records(), journal.series()
     identification = _latest(journal, "identification", read_identification, unreadable)
+    observations = NO_OBSERVATIONS
+    try:
+        observations = recorded_observations(journal)
+    except FindingUnreadable as error:
+        unreadable.append(error.problem)
     loaded = _latest(journal, "load", read_load, unreadable)
     if loaded is not None:
         loaded = replace(loaded, at_utc=journal.findings("load")[-1].at_utc)
@@ -485,6 +497,7 @@ def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
         before=_measured(campaign, counted_series(all_series, "before")),
         run=run[0] if run else None,
         after=_measured(campaign, counted_series(all_series, "after")),
+        observations=observations,
         identification=identification,
         loaded=loaded,
         checked=_latest(journal, "check", read_check, unreadable),
@@ -633,7 +646,8 @@ def _checks(evidence: Evidence) -> Iterator[Check]:
     """Yield the checks of the chain from plan to controller."""
     run, identification, journal = evidence.run, evidence.identification, evidence.journal
     # an import was measured without plan.csv
-    if run is None or run.series.started.stage != "import":
+    without_plan = evidence.observations.files if run is None else _is_imported(run)
+    if not without_plan:
         yield same_digest(
             "plan.csv is the plan that was measured", *_plan_digests_to_compare(evidence)
         )
@@ -653,6 +667,11 @@ def _checks(evidence: Evidence) -> Iterator[Check]:
     if journal is not None and journal.unended_load:
         statement = "it is known what the controller holds"
         yield Check(statement, holds=False, detail="a load was begun and not ended")
+
+
+def _is_imported(run: MeasuredSeries) -> bool:
+    """Return whether the shots to identify from were measured elsewhere."""
+    return run.series.started.stage == "import"
 
 
 def _plan_digests_to_compare(evidence: Evidence) -> tuple[str | None, str | None]:

@@ -22,7 +22,8 @@ from campaigns.evaluation.decision import NO_LIMIT, Decision
 from campaigns.evidence import Evaluation, Evidence
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.identification import findings
-from campaigns.identification.result import RecordedIdentification
+from campaigns.identification.determined import ON_PLANE
+from campaigns.identification.result import WITHOUT_SHOTS, RecordedIdentification
 from campaigns.journal.records import Event
 from campaigns.journal.views import Series
 from campaigns.kinematics.parameters import Parameters
@@ -32,6 +33,11 @@ from campaigns.shots.import_export import imported_files
 from drivers.texts import quoted
 
 LOOK = "look through campaign.yaml (tracker.place_mm!)"
+LOOK_OFFLINE = f"{LOOK}, or state under objects what is measured without a tracker"
+OBSERVE = (
+    "measure what stands under objects in campaign.yaml, and save it as observations.csv, a row "
+    "for each value"
+)
 MEASURE = "run program-{0} on the controller, measure at each of its stops, save that as {0}.txt"
 CHANGED = "look for what changed since the shots, and measure again"
 OTHER_LIMITS = "agree other limits with the customer ({reasons})"
@@ -85,8 +91,12 @@ class CampaignState:
     """Place where the shots found the tracker, in words; empty if campaign.yaml agrees."""
     before: bool = False
     """Whether the robot was validated before calibration."""
-    measured: Literal["", "run", "import"] = ""
-    """Source of the latest shots to identify from; empty: there are none."""
+    objects: bool = False
+    """Whether campaign.yaml has objects that are measured without a tracker."""
+    measured: Literal["", "run", "import", "observations"] = ""
+    """Source of the latest shots to identify from; empty: there are none.
+
+    `observations` are of other kinds than points, and no tracker has measured any point."""
     stations: bool = False
     """Whether the latest import was measured from several stations of the tracker."""
     imported: str = "FILE"
@@ -150,7 +160,12 @@ ROWS = (
         "plan {folder}",
         "set tracker.place_mm in campaign.yaml ({misplaced})",
     ),
-    Row(lambda s: not (s.planned or s.measured) and s.offline, "plan {folder}", LOOK),
+    Row(
+        lambda s: not (s.planned or s.measured) and s.offline and s.objects,
+        "import {folder} observations.csv",
+        OBSERVE,
+    ),
+    Row(lambda s: not (s.planned or s.measured) and s.offline, "plan {folder}", LOOK_OFFLINE),
     Row(
         lambda s: not (s.planned or s.measured or s.simulated),
         "plan {folder}",
@@ -208,8 +223,17 @@ ROWS = (
         "put the exported file into the controller, or correct the targets; measure pairs, and "
         "save them as after.txt",
     ),
-    Row(lambda s: not (s.after or s.holds), "load {folder} {file}"),
-    Row(lambda s: not s.after, "validate {folder} --stage after"),
+    # without a tracker nothing validates but new observations, which are identified by themselves
+    Row(
+        lambda s: s.measured == "observations" and not s.reported and s.offline,
+        "report {folder}",
+        "put {exported} into the controller",
+    ),
+    Row(
+        lambda s: not (s.after or s.holds or (s.measured == "observations" and s.offline)),
+        "load {folder} {file}",
+    ),
+    Row(lambda s: not s.after and s.measured != "observations", "validate {folder} --stage after"),
     # report; what follows needs a decision of people, after which the report is made again
     Row(lambda s: not s.reported, "report {folder}"),
     Row(
@@ -236,7 +260,7 @@ def next_step(state: CampaignState) -> NextStep | None:
     if row is None:
         return None
     folder, again = quoted(state.folder), f"import {{folder}} {quoted(state.imported)} --force"
-    if state.measured != "import":
+    if state.measured == "run":
         again = "run {folder} --anew"
     file = "" if state.file == FILE_NAME else quoted(f"{state.folder}/{state.file}")
     words = {
@@ -246,6 +270,7 @@ def next_step(state: CampaignState) -> NextStep | None:
         "remedy_first": state.remedy_first,
         "overwrite": "--force" if state.overwrite else "",
         "file": f"--robot {file}" if file else "",
+        "exported": state.file,
         "worker": state.worker,
         "misplaced": state.misplaced,
         "reasons": state.reasons,
@@ -277,26 +302,34 @@ def state_of(
         program_after=evidence.program_after,
         planned=bool(runs) or evidence.plan is not None,
         misplaced=_misplaced(evidence),
+        objects=bool(campaign.config.objects),
         before=bool(evidence.before),
         reported=_is_reported(evidence) if reported is None else reported,
     )
-    if not runs:
+    observations = evidence.observations
+    is_observed = bool(observations.files) and (campaign.is_offline or evidence.plan is None)
+    if not (runs or is_observed):
         return state
-    latest = runs[-1]
-    is_imported = campaign.is_offline or latest.started.stage == "import"
-    state = replace(
-        state,
-        measured="import" if is_imported else "run",
-        stations=is_imported and len({shot.session for shot in latest.shots}) > 1,
-        imported=next((file.name for file in imported_files(latest.started)), "FILE"),
-        unmeasured="" if is_imported else _unmeasured(evidence, latest),
-    )
+    if runs:
+        latest, number = runs[-1], runs[-1].number
+        is_imported = campaign.is_offline or latest.started.stage == "import"
+        state = replace(
+            state,
+            measured="import" if is_imported else "run",
+            stations=is_imported and len({shot.session for shot in latest.shots}) > 1,
+            imported=next((file.name for file in imported_files(latest.started)), "FILE"),
+            unmeasured="" if is_imported else _unmeasured(evidence, latest),
+        )
+        shots = latest.shots
+    else:
+        number, shots = WITHOUT_SHOTS, ()
+        state = replace(state, measured="observations", imported=observations.latest)
     known_lengths = (shot for each in series if each.of_known_lengths for shot in each.shots)
-    last_record = max(shot.number for shot in (*latest.shots, *known_lengths))
+    last_record = max([observations.record, *(s.number for s in (*shots, *known_lengths))])
     # an identification counts only for these shots, this nominal robot and these settings
     if (
         identification is None
-        or identification.provenance.series != latest.number
+        or identification.provenance.series != number
         or identification.provenance.robot_digest != campaign.robot.digest()
         or identification.provenance.journal_records < last_record
         or campaign.outdated(identification)
@@ -376,6 +409,9 @@ def remedy_for(identification: RecordedIdentification) -> tuple[str, str]:
     first = "mend what the findings name, and measure again"
     if provenance.asked or provenance.pedigree is not None:
         return "", first
+    if provenance.series == WITHOUT_SHOTS:
+        command = _remedy_without_shots(identification)
+        return command, "" if command else first
     match name:
         case findings.BEYOND_TOLERANCE if numbers.get("parameter") not in TRACKER_SOURCES:
             first = "correct units, joints or robot.yaml; if the robot is built so"
@@ -392,6 +428,18 @@ def remedy_for(identification: RecordedIdentification) -> tuple[str, str]:
                 "measure again"
             )
     return "", first
+
+
+# Without a tracker nothing shows where the robot is in space: what was touched or drawn can be
+# judged, as far as the observations determine it.
+def _remedy_without_shots(identification: RecordedIdentification) -> str:
+    """Return the identification that judges what the observations determine; "" if they do not."""
+    quantities = identification.uncertainty.determined
+    judged = [q for q in quantities if q.name in ON_PLANE and q.is_determined]
+    if not judged:
+        return ""
+    hold_out = "" if all(q.is_tested for q in judged) else " --hold-out 20%"
+    return f"identify {{folder}}{hold_out} --for {','.join(q.name for q in judged)}"
 
 
 def _answer_to_check(

@@ -32,6 +32,7 @@ def _lines(status: CampaignStatus) -> Iterator[tuple[str, str]]:
     if status.measuring is not None:
         yield f"now: {status.measuring.says}", WARNING
     yield from ((f"  series {s.series}, {s.says}", "") for s in status.series[-LATEST_SERIES:])
+    yield from ((f"  {file.says}", "") for file in status.observations)
     yield from ((f"open: {text}", WARNING) for text in status.open)
     yield from ((f"doubtful: {text}", WARNING) for text in status.doubtful)
     if status.decision is not None:

@@ -25,7 +25,9 @@ from campaigns.shots.point_words import MM_PER_UNIT
 from drivers.values import DISTANCE
 
 PLAUSIBLE_MM = 1.0
-"""Misfit below which values are not doubted; robots before any calibration stay below some mm."""
+"""Misfit below which values are not doubted."""
+NOMINAL_MM = 5.0
+"""Misfit of a robot before any calibration; above it another reading is no cause either."""
 LEAST_SPREAD_MM = 5.0
 """Spread of places below which they are one place, at which nothing is determined."""
 ROUGH_SHRINKAGE_PERCENT = 5.0
@@ -120,7 +122,7 @@ def _check_object(
         cause: _misfit(other_kinds(meant, nominal), nominal) for cause, meant in _readings(measured)
     }
     cause = min(causes, key=lambda words: causes[words])
-    if causes[cause] <= BETTER_BY * misfit_mm / 2.0:
+    if causes[cause] <= min(BETTER_BY * misfit_mm, NOMINAL_MM):
         raise ShotsInvalid(
             f"{where}: {cause}: half of the {measured[0].kind}s of {name} are {misfit_mm:.3g} mm "
             f"or more from the nominal robot as written, {causes[cause]:.2g} mm so read",

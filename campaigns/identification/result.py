@@ -31,6 +31,8 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots
 
 SCHEMA = "pkmcal/identification/2"
+WITHOUT_SHOTS = 0
+"""Number of the series of an identification from observations alone; series count from 1."""
 STRONG = 0.9
 """Correlation from which two parameters are named."""
 
@@ -455,6 +457,8 @@ class RecordedProvenance(Provenance):
 
     series: int
     shots: int = 0
+    observations: int = 0
+    """Number of observations of other kinds than points, with those that were held out."""
     asked: tuple[str, ...] = ()
     """Options of its command, as they are typed."""
     robot_digest: str
@@ -516,8 +520,11 @@ class RecordedIdentification(IdentificationResult):
     @property
     def is_by_older_model(self) -> bool:
         """Whether an older version identified it by a model with fewer sources of error."""
-        # the full model of this version states a diagnosis of every fit
-        return self.provenance.model == "full" and self.judgement.diagnosis is None
+        # The full model of this version states a diagnosis of every fit of shots. Without shots it
+        # states what the observations determine, which older versions could not identify from.
+        is_undiagnosed = self.judgement.diagnosis is None
+        has_shots = self.provenance.series != WITHOUT_SHOTS
+        return self.provenance.model == "full" and is_undiagnosed and has_shots
 
     @classmethod
     def of(cls, result: IdentificationResult, **provenance: Any) -> "RecordedIdentification":

@@ -199,7 +199,11 @@ class ObjectConfig(FileModel):
         default=None, description="the rotation vector of its axes on its body, [x, y, z] deg"
     )
     turn_std_deg: float | None = Field(
-        default=None, gt=0.0, le=180.0, description="1 σ of this turn, deg"
+        default=None, gt=0.0, le=180.0, description="1 σ of this turn or of its axis, deg"
+    )
+    axis: Direction | None = Field(
+        default=None,
+        description="the direction on its body in which a gauge is pressed; empty: its z",
     )
     shrinkage_percent: Percent = Field(
         default=0.0, description="how much a printed part shrank before it was measured, %"

@@ -6,7 +6,9 @@ poses: two rows with one label in the column `pair`, and its value in either. A 
 is planned: it is measured, and its value filled in. No σ is assumed, so that each row states one.
 """
 
+import re
 from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,7 +28,7 @@ from campaigns.fit.kinds import KINDS, Kind
 from campaigns.kinematics.mechanism import Mechanism
 from campaigns.shots import columns
 from campaigns.shots.shot_sets import ShotSet
-from drivers.bounded_files import CSV_BYTES
+from drivers.bounded_files import CSV_BYTES, FileRefused, codec_of, read_bounded
 
 FILE_NAME = "observations.csv"
 KIND, OBJECT, STD, PAIR, SESSION = "kind", "object", "std_mm", "pair", "session"
@@ -65,15 +67,13 @@ class ObservationRow:
         return not self.values
 
 
-def poses_of(kind: Kind) -> int:
-    """Return the number of poses of an observation of a kind, each a row of the file."""
-    return kind.bodies
-
-
 def holds_observations(path: Path) -> bool:
-    """Return whether a file's first line has a column `kind`; raise `ShotsInvalid`."""
-    text = read_text(path, ShotsInvalid, if_missing="check the file's name", most_bytes=CSV_BYTES)
-    return KIND in [name.strip() for name in text.partition("\n")[0].split(",")]
+    """Return whether a file's first line has a column `kind`, by whatever separator."""
+    with suppress(FileRefused):
+        data = read_bounded(path, CSV_BYTES)
+        first = data.decode(codec_of(data), errors="replace").lstrip().partition("\n")[0]
+        return KIND in [name.strip(' "\r') for name in re.split("[,;\t]", first)]
+    return False
 
 
 def read_observations(
@@ -193,14 +193,14 @@ def _check_columns(row: CsvRow, kind: Kind) -> None:
             f"{', '.join(kind.columns)}",
             remedy=f"leave {', '.join(filled)} empty, or correct the kind",
         )
-    if row.text(PAIR) and poses_of(kind) == 1:
+    if row.text(PAIR) and kind.poses == 1:
         raise row.wrong(
             f"pair is {shown(row.text(PAIR))}, but a {kind.name} is of one pose",
             remedy="leave it empty",
         )
-    if not row.text(PAIR) and poses_of(kind) > 1:
+    if not row.text(PAIR) and kind.poses > 1:
         raise row.wrong(
-            f"pair is empty, but a {kind.name} is of {poses_of(kind)} poses",
+            f"pair is empty, but a {kind.name} is of {kind.poses} poses",
             remedy="give its two rows one label, such as 1",
         )
 
@@ -208,7 +208,7 @@ def _check_columns(row: CsvRow, kind: Kind) -> None:
 def _observation_of(rows: Sequence[CsvRow], mechanism: Mechanism) -> ObservationRow:
     """Return the observation of its rows, one a pose; raise `ShotsInvalid` with the line."""
     last, kind = rows[-1], KINDS[rows[-1].text(KIND)]
-    if len(rows) != poses_of(kind):
+    if len(rows) != kind.poses:
         problem, count = f"pair {shown(last.text(PAIR))} of {shown(last.text(OBJECT))}", len(rows)
         remedy = "add the row of its other pose" if count == 1 else "give each pair its own label"
         raise last.wrong(f"{problem} has {_counted(count)}, must have two", remedy=remedy)

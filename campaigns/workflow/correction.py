@@ -6,6 +6,9 @@
 
 from pathlib import Path
 
+import numpy as np
+
+from campaigns.arrays import Array
 from campaigns.campaign import Campaign
 from campaigns.controllers.corrected_targets import CorrectedFile, TargetCorrection, correct_poses
 from campaigns.controllers.export import FILE_NAME
@@ -13,8 +16,11 @@ from campaigns.controllers.load_checks import file_objections, read_parameter_fi
 from campaigns.controllers.objections import ObjectionName
 from campaigns.errors import ConfigInvalid, TargetsInvalid
 from campaigns.files.text_file import read_text, write_text_unless_there
+from campaigns.identification.result import WITHOUT_SHOTS, RecordedIdentification
+from campaigns.journal.journal import JournalReader
 from campaigns.robots.reduced_form import form_of
 from campaigns.robots.robot import RobotFile
+from campaigns.shots.observation_records import recorded_observations
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 from campaigns.shots.turn_forms import TurnForm
@@ -27,19 +33,15 @@ def _target_correction(campaign: Campaign, robot: RobotFile) -> TargetCorrection
     """Return the correction from an identified robot to the campaign's nominal one.
 
     It has a covariance only if the set is an identification in the journal. Raise `ShotsMissing`
-    without measured shots.
+    if nothing was measured.
     """
     # A file may hold a form of an identification, or an older one. σ of the latest identification
     # would be those of another set, so without a match by digest none is given.
     identification = known_sets(campaign).identified.get(robot.digest())
     with campaign.journal_reader() as journal:
-        if identification is None:
-            series = campaign.measured_series(journal).number
-        else:
-            series = identification.provenance.series
-        shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
+        joints = _measured_joints(campaign, journal, identification)
     identified, nominal = robot.kinematics.controlled, campaign.robot.kinematics.controlled
-    measured = identified.forward(shots.of_set(ShotSet.IDENTIFICATION).joints)
+    measured = identified.forward(joints)
     poses = measured.values[measured.is_solved]
     return TargetCorrection(
         identified,
@@ -51,6 +53,27 @@ def _target_correction(campaign: Campaign, robot: RobotFile) -> TargetCorrection
         () if identification is None else identification.value.layers,
         None if identification is None else identification.uncertainty.position_std_mm,
     )
+
+
+def _measured_joints(
+    campaign: Campaign, journal: JournalReader, identification: RecordedIdentification | None
+) -> Array:
+    """Return the joints (N, n) at which it was identified: of shots, or else of observations.
+
+    Without an identification of the set they are those of the latest shots. Raise `ShotsMissing` if
+    nothing was measured.
+    """
+    observed = recorded_observations(journal).rows
+    if identification is not None:
+        series = identification.provenance.series
+    elif observed and campaign.series_to_identify(journal) is None:
+        series = WITHOUT_SHOTS
+    else:
+        series = campaign.measured_series(journal).number
+    if series == WITHOUT_SHOTS:
+        return np.array([joints for row in observed for joints in row.joints])
+    shots = shots_of_journal(journal.shots(series), campaign.robot.mechanism)
+    return shots.of_set(ShotSet.IDENTIFICATION).joints
 
 
 def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:

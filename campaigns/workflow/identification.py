@@ -24,7 +24,11 @@ from campaigns.identification.observations import HOLD_OUT_SEED, asked_shots
 from campaigns.identification.observed import hold_out, measured_of, objects_of
 from campaigns.identification.options import IdentificationOptions, matching, named_priors
 from campaigns.identification.other_kinds import Measured
-from campaigns.identification.result import IdentificationResult, RecordedIdentification
+from campaigns.identification.result import (
+    WITHOUT_SHOTS,
+    IdentificationResult,
+    RecordedIdentification,
+)
 from campaigns.identification.without_points import identify_without_points
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding
@@ -33,9 +37,6 @@ from campaigns.settings.option import typed_words
 from campaigns.shots.observation_records import recorded_observations
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_journal, with_readings
-
-WITHOUT_SHOTS = 0
-"""Number of the series of an identification from observations alone; series count from 1."""
 
 
 def identify(
@@ -90,6 +91,7 @@ def identify(
             seconds=time.perf_counter() - started_s,
             series=WITHOUT_SHOTS if series is None else series.number,
             shots=0 if shots is None else len(shots),
+            observations=sum(len(group.joints) for group in measured),
             asked=tuple(typed_words(options)),
             robot_digest=robot.digest(),
             plan_digest="" if series is None else series.started.plan_digest,

@@ -3,8 +3,10 @@
 Only reads, and takes no lock: another process may be measuring meanwhile.
 """
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Self
 
 from campaigns.campaign import Campaign, CampaignFolder, moment, open_campaign
 from campaigns.evaluation.decision import Verdict
@@ -16,6 +18,7 @@ from campaigns.next_step import CampaignState, NextStep, next_step, state_of
 from campaigns.planning.plan_file import PlannedShot, plan_difference
 from campaigns.planning.steps import joint_steps
 from campaigns.robots.program import ProgramUntrusted
+from campaigns.shots.observation_records import RecordedFile
 from drivers.texts import quoted
 
 
@@ -43,6 +46,25 @@ class StageProgress:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ObservedFile:
+    """Imported file of observations."""
+
+    name: str
+    objects: dict[str, int]
+    """Number of observations of each object."""
+
+    @classmethod
+    def of(cls, file: RecordedFile) -> Self:
+        """Return what a file holds."""
+        return cls(name=file.name, objects=dict(Counter(row.object for row in file.rows)))
+
+    @property
+    def says(self) -> str:
+        """Contents in words."""
+        return f"{self.name}: {', '.join(f'{n} of {name}' for name, n in self.objects.items())}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignStatus:
     """Status of a campaign, as `pkmcal status` shows it."""
 
@@ -53,6 +75,8 @@ class CampaignStatus:
     """Stage that the campaign has reached, in words."""
     series: tuple[StageProgress, ...]
     """Progress of every series, the latest last."""
+    observations: tuple[ObservedFile, ...]
+    """Imported files of observations of other kinds than points, the latest last."""
     decision: Verdict | None
     """Verdict on the whole campaign; None before an identification."""
     validated: bool
@@ -97,6 +121,7 @@ def _status_of_journal(folder: CampaignFolder, error: ProgramUntrusted) -> Campa
         robot="robot not read",
         phase="not evaluated",
         series=series,
+        observations=(),
         decision=None,
         validated=False,
         open=(*open_series, *filter(None, [unended]), error.problem),
@@ -123,6 +148,7 @@ def campaign_status(campaign: Campaign) -> CampaignStatus:
         robot=campaign.robot.name,
         phase=phase(state),
         series=series,
+        observations=tuple(map(ObservedFile.of, evidence.observations.files)),
         decision=verdict.decision if verdict else None,
         validated=evaluation.after is not None,
         open=tuple(_open(evidence, series)),
@@ -146,7 +172,7 @@ def phase(state: CampaignState) -> str:
         return "calibrated, not validated" if is_calibrated else "identified"
     if state.measured:
         part = " in part" if state.unmeasured == "run" else ""
-        return f"{'imported' if state.measured == 'import' else 'measured'}{part}, not identified"
+        return f"{'measured' if state.measured == 'run' else 'imported'}{part}, not identified"
     if state.before:
         return "validated before calibration"
     return "planned" if state.planned else "set up"

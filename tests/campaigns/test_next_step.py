@@ -48,7 +48,7 @@ def identified(name: str, asked: tuple[str, ...] = (), **numbers: float | str) -
     """An identification against which one thing stands."""
     finding = Finding(name, "", "fail", {"before_shot": 60.0, **numbers})
     judgement = Judgement(verdict="fail", reasons=(), obstacles=(name,), findings=(finding,))
-    provenance = SimpleNamespace(asked=asked, pedigree=None)
+    provenance = SimpleNamespace(asked=asked, pedigree=None, series=1)
     return SimpleNamespace(judgement=judgement, provenance=provenance)
 
 
@@ -91,6 +91,7 @@ CHANGED: dict[tuple[str, ...], dict[str, Any]] = {
     ("validate", "--stage", "before"): {"before": True},
     ("import", "before.txt", "--stage", "before"): {"before": True},
     ("import", "run.txt"): {"measured": "import"},
+    ("import", "observations.csv"): {"measured": "observations"},
     ("run",): {"measured": "run", "unmeasured": ""},
     ("run", "--anew"): {"measured": "run", "unmeasured": ""},
     ("export",): {"to_export": ""},
@@ -125,6 +126,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
     walk(CampaignState())
     walk(CampaignState(planned=True, before=True, misplaced="1 m off"))
     walk(CampaignState(offline=True))
+    walk(CampaignState(offline=True, objects=True))
     for left in ("run", "anew"):
         walk(CampaignState(**MEASURED, unmeasured=left))  # type: ignore[arg-type]
     for check, by_targets in product((*ANSWERS, "again"), (False, True)):

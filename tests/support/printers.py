@@ -32,11 +32,16 @@ AS_BUILT = Errors(
 )
 
 
-def printer():
-    """Nominal printer of the size of a Kossel."""
+def printer_text():
+    """Robot file of a printer of the size of a Kossel."""
     places = RADIUS_MM * np.stack([np.cos(DIRECTIONS), np.sin(DIRECTIONS)], axis=1)
     arms = "".join(ARM.format(x=x, y=y, rod=ROD_MM) for x, y in places)
-    return parse_robot(ROBOT.format(arms=arms), "printer.yaml").robot
+    return ROBOT.format(arms=arms)
+
+
+def printer():
+    """That printer."""
+    return parse_robot(printer_text(), "printer.yaml").robot
 
 
 def rings(radius_mm, count):
@@ -123,12 +128,16 @@ class Printer:
     def errors_mm(self, result):
         """Real errors of the identified printer, rms: flat and xy on the bed, in space."""
         nominal = self.robot.kinematics
+        return self.errors_of(nominal.of(nominal.mechanism, result.value.flat()))
+
+    def errors_of(self, modelled):
+        """The same of a modelled printer."""
+        nominal = self.robot.kinematics
         flat = np.array([[x, y, z] for x in GRID_MM for y in GRID_MM for z in (0.0, 60.0, 200.0)])
         poses = flat[np.hypot(flat[:, 0], flat[:, 1]) < BED_MM + 1.0]
         joints = nominal.inverse(poses).values_or_raise()
-        found = nominal.of(nominal.mechanism, result.value.flat())
-        modelled = found.forward(joints, poses).values_or_raise()[:, :3]
-        errors, motions = modelled - self.positions(joints), frame_columns(modelled)
+        places = modelled.forward(joints, poses).values_or_raise()[:, :3]
+        errors, motions = places - self.positions(joints), frame_columns(places)
         bed, every = poses[:, 2] == 0.0, np.ones(len(poses), dtype=bool)
         return {
             "flat": _rms_without(errors[bed][:, 2:], motions[bed][:, 2:][..., [0, 1, 5]]),

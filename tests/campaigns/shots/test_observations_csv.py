@@ -12,7 +12,6 @@ from campaigns.shots.observations_csv import (
     ObservationRow,
     observations_text,
     parse_observations,
-    poses_of,
     require_measured,
 )
 from campaigns.shots.shot_sets import ShotSet
@@ -30,7 +29,7 @@ def parsed(text, objects=OBJECTS):
 @st.composite
 def rows(draw):
     kind = KINDS[draw(st.sampled_from(sorted(KINDS)))]
-    poses = poses_of(kind)
+    poses = kind.poses
     joints = st.tuples(JOINT, JOINT, JOINT)
     # whole degrees come back as they went
     values = tuple(
