@@ -134,6 +134,8 @@ class Block:
     """Time of each in its session, from 0 to 1, (M,)."""
     warmth: Array = field(default_factory=lambda: np.zeros(0))
     """Degrees by which parts are warmer than the reference, (M,); 0 where unknown."""
+    labels: tuple[str, ...] = ()
+    """Names of the observations in messages; (): their numbers."""
 
     def __post_init__(self) -> None:
         """Fill columns left out: all of the robot of today, at the reference's temperature."""
@@ -147,7 +149,11 @@ class Block:
     def rows(self, rows: Index) -> "Block":
         """Return the block of these observations."""
         columns = ("joints", "near", "values", "stated", "frame", "moment", "time", "warmth")
-        return replace(self, **{name: getattr(self, name)[rows] for name in columns})
+        labels = [
+            self.labels[place] for place in np.arange(len(self))[rows].tolist() if self.labels
+        ]
+        changed = {name: getattr(self, name)[rows] for name in columns}
+        return replace(self, **changed, labels=tuple(labels))
 
     def of_today(self) -> "Block":
         """Return the block as if the robot of today were there, at the reference's temperature."""

@@ -51,6 +51,7 @@ def measured_of(rows: Sequence[ObservationRow], objects: Sequence[Object]) -> tu
             held_out=is_held_out,
             moment=None if seconds is None else seconds[places],
             session=_sessions_of([rows[place] for place in places]),
+            labels=tuple(rows[place].place or str(number) for number, place in enumerate(places)),
         )
         for (kind, name, is_held_out), places in groups.items()
     )

@@ -63,6 +63,8 @@ class Measured:
     """Time of each, (M,), s; None: no time is known."""
     session: Array | None = None
     """Number of the tracker's station of each, (M,), from 1; None: there is one."""
+    labels: tuple[str, ...] = ()
+    """Names of them in messages, such as file and line; (): their numbers from 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,6 +210,7 @@ def _block_of(rows: Measured, nominal: Kinematics, sessions: Index | None) -> Bl
         slots=tuple(f"{s.name} of {o.name}" for s, o in zip(kind.slots, owners, strict=True)),
         frame=_frame_numbers(rows, len(values), sessions if kind.by_tracker else None),
         moment=_moments_s(rows, len(values)),
+        labels=rows.labels,
     )
 
 
@@ -446,8 +449,9 @@ def kind_findings(
     for block, good in zip(fit.observations.blocks, fit.good_of_others, strict=True):
         left_out = np.flatnonzero(good < 0.5).tolist()
         if left_out:
-            numbers = ", ".join(map(str, left_out))
-            says = f"{block.kind.plural} of {block.name} left out as wrong: {numbers} (from 0)"
+            numbers = ", ".join(block.labels[n] if block.labels else str(n) for n in left_out)
+            says = f"{block.kind.plural} of {block.name} left out as wrong: {numbers}"
+            says += "" if block.labels else " (from 0)"
             share = len(left_out) / len(good)
             decision: Decision | None = None
             if share > MOST_WRONG_SHOTS:

@@ -60,6 +60,13 @@ class ObservationRow:
     """Number of the tracker's station; 0 if all are of one."""
     line: int = 0
     """Line of the file it was read from, of two the later one; 0 if it is from none."""
+    file: str = ""
+    """Name of that file."""
+
+    @property
+    def place(self) -> str:
+        """Where it stands, for messages: file and line; "" if it is from no file."""
+        return f"{self.file}:{self.line}" if self.line else ""
 
     @property
     def is_planned(self) -> bool:
@@ -230,6 +237,7 @@ def _observation_of(rows: Sequence[CsvRow], mechanism: Mechanism) -> Observation
         time=next((row.text("time") for row in reversed(rows) if row.text("time")), None),
         session=last.value(SESSION) if last.text(SESSION) else 0,
         line=int(last.where.rpartition(":")[2]),
+        file=Path(last.where.rpartition(":")[0]).name,
     )
 
 

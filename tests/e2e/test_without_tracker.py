@@ -164,3 +164,13 @@ def test_heights_beside_shots_are_fitted_with_them(pkmcal, cell):
     assert (both["shots"], both["observations"]) == (34, len(PLACES))
     names = [each["name"] for each in both["determined"]]
     assert set(names) == {"position", "flat", "xy"}
+
+
+def test_rows_left_out_are_named_by_file_and_line(pkmcal, cell):
+    """Two widths that somebody mistyped, in the second rows of their pairs."""
+    rows = rows_of(Printer(6).heights(PLACES)) + rows_of(Printer(6).widths(60.0, wrong=(1, 4)))
+    observe(cell.parent / "observations.csv", rows)
+    assert pkmcal("import", "cell", "observations.csv").code == 0
+    said = pkmcal("identify", "cell").out
+    lines = [1 + len(PLACES) + 2 * (1 + place) for place in (1, 4)]
+    assert f"observations.csv:{lines[0]}, observations.csv:{lines[1]}" in said

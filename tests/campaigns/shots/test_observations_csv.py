@@ -55,7 +55,7 @@ def test_what_is_written_is_read_again(written):
     for place, row in enumerate(written):
         line += len(row.joints)
         label = str(place) if len(row.joints) > 1 else ""
-        changed = {"line": line, "pair": label}
+        changed = {"line": line, "pair": label, "file": "o.csv"}
         expected.append(ObservationRow(**{**_fields(row), **changed}))
     assert list(parsed(observations_text(expected, MECHANISM))) == expected
 
