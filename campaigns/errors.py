@@ -31,6 +31,12 @@ class ShotsInvalid(CampaignError):
     page = "docs/reference/files.md#shotscsv"
 
 
+class ObservationsInvalid(ShotsInvalid):
+    """A file of observations cannot be used as written: correct the line that is named."""
+
+    page = "docs/reference/files.md#observationscsv"
+
+
 class CoordinatesAmbiguous(ShotsInvalid):
     """A file of points has measured and nominal coordinates: say which ones count."""
 

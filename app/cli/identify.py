@@ -25,16 +25,18 @@ def command(
 ) -> None:
     """Find the parameters that explain the measured shots.
 
-    Uses the latest run or import. The fit uses the shots of the set "identification" and is judged
-    by the pairs of the set "validation", which it never uses. Every source of error is fitted, with
-    its tolerance as a prior; what no shot determines stays at nominal. A NAME is a parameter, a
-    shell pattern of parameters, or a group of error sources, such as backlash.
+    Uses the latest run or import, and imported observations of other kinds than points, which are
+    fitted alone if no tracker measured. The fit uses the shots of the set "identification" and is
+    judged by the pairs of the set "validation", which it never uses. Every source of error is
+    fitted, with its tolerance as a prior; what no shot determines stays at nominal. A NAME is a
+    parameter, a shell pattern of parameters, or a group of error sources, such as backlash.
 
     Exit code 1: computed, but must not be used; the reasons are given.
 
     pkmcal identify cell-3
     pkmcal identify cell-3 --only-shots 0-60 --fix eccentricity
     pkmcal identify cell-3 --hold-out 20%
+    pkmcal identify printer --hold-out 20% --for flat,xy
     """
     with terminal.telling("identifying") as now_at:
         result = update_by_check(campaign) if update else identify(campaign, options, now_at)

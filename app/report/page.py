@@ -68,6 +68,7 @@ def page_of(evaluation: Evaluation, made_utc: str) -> Page:
         results.gain_section(evaluation),
         results.workspace_section(evaluation),
         results.motion_tests_section(evaluation),
+        results.observations_section(evaluation),
         results.parameters_section(evaluation),
         results.course_section(evaluation),
         results.budget_section(evaluation),
@@ -128,7 +129,9 @@ def _missing(evaluation: Evaluation) -> Iterator[str]:
     journal, run, identification = evidence.journal, evidence.run, evidence.identification
     if journal is None:
         yield "There is no journal: nothing was ever measured in this campaign."
-    if run is None:
+    if run is None and evidence.observations.files:
+        yield "No tracker has measured: errors of position cannot be shown."
+    elif run is None:
         yield "Nothing has been measured to identify from: `pkmcal run`, or `pkmcal import`."
     elif evaluation.errors is None or evaluation.errors.positions is None:
         yield "Too few shots of pairs to fit a frame: errors of position cannot be shown."
@@ -136,7 +139,8 @@ def _missing(evaluation: Evaluation) -> Iterator[str]:
         yield "Nothing has been identified yet: `pkmcal identify`."
     elif identification.uncertainty.covariance is None:
         yield "The identification states no correlations."
-    command = "import" if run and run.series.started.imported else "validate"
+    is_elsewhere = run.series.started.imported if run else evidence.campaign.is_offline
+    command = "import" if is_elsewhere else "validate"
     for stage, result in (("before", evaluation.before), ("after", evaluation.after)):
         if result is None:
             yield f"There is no validation {stage} calibration: `pkmcal {command} --stage {stage}`."

@@ -289,6 +289,7 @@ def provenance_section(evaluation: Evaluation) -> Section:
         if series.started.imported
         for file in _files_of(series.started)
     ]
+    imported += [(NOTHING, file.name, file.sha256) for file in evidence.observations.files]
     section.table("Imported files", (*by_place("series", "file"), SHA256), imported)
     instruments = _instruments(evidence, journal)
     section.table("Instruments and air", by_place("", "series", ""), instruments)

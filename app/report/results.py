@@ -13,6 +13,8 @@ from app.report.section import Section
 from campaigns.evaluation.iso_figures import cube_frame, cube_poses, iso_rows
 from campaigns.evidence import Evaluation
 from campaigns.files.table import words
+from campaigns.identification.determined import MOST_ASSUMED
+from campaigns.identification.findings import UNSEEN_ROWS, WRONG_ROWS
 from campaigns.identification.result import IdentificationResult, ParameterCovariance
 from campaigns.kinematics.parameters import ParameterTable
 
@@ -185,6 +187,34 @@ def parameters_section(evaluation: Evaluation) -> Section:
             figures.correlation_map(geometry),
             "The darker, the less these shots separate two parameters.",
         )
+    return section
+
+
+def observations_section(evaluation: Evaluation) -> Section:
+    """Return the section on observations of other kinds than points, and what they determine."""
+    section = Section("observations", "Observations without a tracker, and what they determine")
+    evidence = evaluation.evidence
+    section.table(
+        "Imported observations",
+        tables.OBSERVED,
+        tables.observed_rows(evidence.observations.rows),
+        "Objects stand in campaign.yaml. `identify --hold-out` keeps a share of those out of the "
+        "fit of which the file holds none out.",
+    )
+    identification = evidence.identification
+    if identification is None:
+        return section
+    section.table(
+        "What they determine",
+        tables.DETERMINED,
+        tables.determined_rows(identification),
+        "σ: one standard deviation, of three coordinates together. flat: height above the touched "
+        "plane, up to a plane. xy: in that plane, up to two shifts and a turn. Determined: at most "
+        f"{100.0 * MOST_ASSUMED:.0f} % of the variance comes from tolerances. Tested: by "
+        "observations that were never fitted.",
+    )
+    names = (UNSEEN_ROWS, WRONG_ROWS)
+    section.text(*(f.says for f in identification.judgement.findings if f.name in names))
     return section
 
 

@@ -6,7 +6,7 @@ because commands that print tables must start quickly.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -21,7 +21,7 @@ from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, Row, number, words
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.events import Event
-from campaigns.identification.determined import MOST_ASSUMED, Determined
+from campaigns.identification.determined import MOST_ASSUMED, ON_PLANE, Determined
 from campaigns.identification.findings import (
     HOLD_OUT_LEVEL,
     Finding,
@@ -38,6 +38,8 @@ from campaigns.identification.result import (
 )
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.parameters import ParameterTable
+from campaigns.shots.observations_csv import ObservationRow
+from campaigns.shots.shot_sets import ShotSet
 
 Stage = Literal["before", "after"]
 STAGES: tuple[Stage, Stage] = ("before", "after")
@@ -131,6 +133,41 @@ BUDGET: tuple[Column[tuple[str, str, float]], ...] = (
     Column("σ", lambda row: row[2], "mm", DECIMALS),
     words("type", lambda row: row[1]),
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """Imported observations of one kind at one object."""
+
+    name: str
+    kind: str
+    rows: Sequence[ObservationRow]
+
+    @property
+    def held_out(self) -> int:
+        """Number of those that the file marks as held out."""
+        return sum(row.purpose is ShotSet.VALIDATION for row in self.rows)
+
+
+DETERMINED: tuple[Column[Determined], ...] = (
+    words("quantity", lambda row: row.name),
+    Column("σ rms", lambda row: row.rms, decimals=DECIMALS),
+    Column("largest", lambda row: row.max, decimals=DECIMALS),
+    words("", lambda row: row.unit),
+    Column("by tolerances, %", lambda row: 100.0 * row.assumed, decimals=0),
+    words("determined", lambda row: "yes" if row.is_determined else "no"),
+    words("tested", lambda row: "yes" if row.is_tested else "no"),
+)
+"""Columns of what observations determine."""
+OBSERVED: tuple[Column[Observed], ...] = (
+    words("object", lambda observed: observed.name),
+    words("kind", lambda observed: observed.kind),
+    Column("observations", lambda observed: len(observed.rows)),
+    Column("held out by the file", lambda observed: observed.held_out),
+    words("σ as stated", lambda observed: _span([row.std_mm for row in observed.rows])),
+    words("files", lambda observed: ", ".join(dict.fromkeys(r.file for r in observed.rows))),
+)
+"""Columns of imported observations, by object and kind."""
 TRACKER_ERRORS: tuple[Column[tuple[str, tuple[float, float]]], ...] = (
     words("error of the tracker", lambda row: SOURCES[row[0]].words),
     Column("estimate", lambda row: row[1][0], decimals=DECIMALS, signed=True),
@@ -338,13 +375,39 @@ def positions_in_words(identification: IdentificationResult) -> Iterator[str]:
         yield sentence
     if (region := identification.uncertainty.region) is not None:
         yield region.says
-    for quantity in identification.uncertainty.determined:
+    for quantity in _in_sentences(identification):
         if quantity.name == "rotation":
             yield (
                 f"predicted σ of the tool's rotation: {quantity.mean:.4f}° on average, "
                 f"{quantity.rms:.4f}° rms, {quantity.max:.4f}° at most"
             )
         yield determined_in_words(quantity)
+
+
+def determined_rows(identification: IdentificationResult) -> tuple[Determined, ...]:
+    """Return the quantities of a table of what observations determine; () for shots alone."""
+    quantities = identification.uncertainty.determined
+    return quantities if any(quantity.name in ON_PLANE for quantity in quantities) else ()
+
+
+def _in_sentences(identification: IdentificationResult) -> tuple[Determined, ...]:
+    """Return the quantities that no table has, which sentences state."""
+    listed = determined_rows(identification)
+    return () if listed else identification.uncertainty.determined
+
+
+def observed_rows(rows: Iterable[ObservationRow]) -> Iterator[Observed]:
+    """Yield the observations by object and kind."""
+    groups: dict[tuple[str, str], list[ObservationRow]] = {}
+    for row in rows:
+        groups.setdefault((row.object, row.kind), []).append(row)
+    yield from (Observed(name, kind, group) for (name, kind), group in groups.items())
+
+
+def _span(values: Sequence[float]) -> str:
+    """Return the range of values in mm, or the one that they all are."""
+    low, high = min(values), max(values)
+    return f"{low:g} mm" if low == high else f"{low:g} to {high:g} mm"
 
 
 def determined_in_words(quantity: Determined) -> str:

@@ -18,7 +18,7 @@ from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, number, texts, words
 from campaigns.identification.findings import WRONG_SHOTS, Finding, remedy_of
-from campaigns.identification.result import RecordedIdentification
+from campaigns.identification.result import RecordedIdentification, Residuals
 from campaigns.kinematics.parameters import ParameterTable
 from campaigns.workflow.validation import Validated
 
@@ -39,20 +39,20 @@ def show_identification(
     # The full model has dozens of parameters of imperfect parts and drives. Those within U of
     # nominal are only counted.
     value, judgement = identification.value, identification.judgement
-    residuals = identification.residuals
     free = [(name, value.parameters[name]) for name in value.free]
     listed = [(name, p) for name, p in free if name in table.names or tables.is_shown(p)]
     terminal.rows("Parameters (mm, deg, ppm)", COLUMNS, listed)
     if others := len(free) - len(listed):
         terminal.say(f"{others} parameters of imperfect parts and drives are within U of nominal")
-    of_pairs = residuals.fitted is not None and residuals.fitted.of == "pairs"
-    fitted = "distances of fitted pairs" if of_pairs else "positions of fitted shots"
-    errors = {fitted: residuals.residuals_mm, "distances of hold-out pairs": residuals.unseen_mm}
-    rows = [(name, sizes) for name, sizes in errors.items() if sizes is not None]
-    terminal.rows("Errors (mm)", ERRORS, rows)
+    _show_errors(terminal, identification.residuals)
     if identification.uncertainty.budget:
         title = "Uncertainty of positions, 1 σ, rms over the workspace"
         terminal.rows(title, tables.BUDGET, tables.budget_rows(identification))
+    terminal.rows(
+        "What these observations determine, 1 σ",
+        tables.DETERMINED,
+        tables.determined_rows(identification),
+    )
     if value.tracker:
         terminal.rows("Errors of the tracker", tables.TRACKER_ERRORS, value.tracker.items())
     for line in _sentences(identification):
@@ -66,6 +66,16 @@ def show_identification(
     terminal.say(f"verdict: {judgement.verdict}", DECISIONS[judgement.verdict])
     for reason in judgement.reasons:
         terminal.say(f"  {reason}")
+
+
+def _show_errors(terminal: Terminal, residuals: Residuals) -> None:
+    """Show the errors of fitted shots and hold-out pairs, as far as there are any."""
+    of_pairs = residuals.fitted is not None and residuals.fitted.of == "pairs"
+    fitted = "distances of fitted pairs" if of_pairs else "positions of fitted shots"
+    errors = {fitted: residuals.residuals_mm, "distances of hold-out pairs": residuals.unseen_mm}
+    rows = [(name, sizes) for name, sizes in errors.items() if sizes is not None]
+    if rows:  # observations alone have none
+        terminal.rows("Errors (mm)", ERRORS, rows)
 
 
 # A change has one line by its finding. Wrong shots have a line each, with size and remedy: then a

@@ -101,8 +101,8 @@ class IdentificationOptions:
     hold_out: Annotated[
         float,
         Option(
-            "Keep this share of the pairs out of the fit, such as 20%, for data without a "
-            "validation set.",
+            "Keep this share of the pairs, and of observations of each object, out of the fit, "
+            "such as 20%, for data without a validation set.",
             metavar="SHARE",
             read=share_of,
             typed="0%",
@@ -111,8 +111,9 @@ class IdentificationOptions:
     quantities: Annotated[
         tuple[str, ...],
         Option(
-            "Judge what shots say of this: position or rotation; with commas, or repeatable. "
-            "Otherwise it is what acceptance limits ask for, and position.",
+            "Judge what shots and observations say of this: position, rotation, flat (height above "
+            "a touched plane) or xy (in that plane); with commas, or repeatable. Otherwise it is "
+            "what acceptance limits ask for, and position.",
             metavar="QUANTITY",
             name="--for",
         ),

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.errors import ShotsInvalid, ShotsMissing
+from campaigns.errors import ObservationsInvalid, ShotsMissing
 from campaigns.evaluation.plausibility import BETTER_BY, UNITS
 from campaigns.fit.kinds import KINDS, Block, Bodies, differentiate
 from campaigns.identification.objects import Object
@@ -41,7 +41,7 @@ def check_observations(
     limit_mm: float,
     where: str,
 ) -> None:
-    """Raise `ShotsInvalid`, naming line or cause, for observations that cannot be this robot's.
+    """Raise `ObservationsInvalid`, naming line or cause, for what cannot be this robot's.
 
     `where` names the file, `limit_mm` is the largest plausible misfit. Raise `OptionsInvalid` for
     an object that is not among the objects.
@@ -64,11 +64,11 @@ def _with_rough_shrinkage(thing: Object) -> Object:
 def _check_assembly(
     nominal: Kinematics, rows: Sequence[ObservationRow], objects: dict[str, Object], where: str
 ) -> None:
-    """Raise `ShotsInvalid` for the first row at whose joints the nominal robot has no pose."""
+    """Raise `ObservationsInvalid` for the first row at whose joints the robot has no pose."""
     for row in rows:
         solved = _seen_from(nominal, objects[row.object]).forward(np.array(row.joints)).is_solved
         if not solved.all():
-            raise ShotsInvalid(
+            raise ObservationsInvalid(
                 f"{where}:{row.line}: the nominal robot cannot be assembled at its joints",
                 remedy="check the order, signs and units of the joints, and that it is this "
                 "robot's file",
@@ -84,12 +84,12 @@ def _seen_from(nominal: Kinematics, thing: Object) -> Kinematics:
 
 
 def _check_distance(row: ObservationRow, where: str) -> None:
-    """Raise `ShotsInvalid` for a point where no tracker measures."""
+    """Raise `ObservationsInvalid` for a point where no tracker measures."""
     if not KINDS[row.kind].by_tracker:
         return
     far_mm = float(np.linalg.norm(row.values[:3]))
     if not DISTANCE.least <= far_mm <= DISTANCE.most:
-        raise ShotsInvalid(
+        raise ObservationsInvalid(
             f"{where}:{row.line}: its point is {far_mm:.6g} mm from the tracker, must be "
             f"{DISTANCE.least:g} to {DISTANCE.most:g}",
             remedy="correct the row, or the unit of its columns",
@@ -99,7 +99,7 @@ def _check_distance(row: ObservationRow, where: str) -> None:
 def _check_object(
     nominal: Kinematics, measured: Sequence[Measured], limit_mm: float, where: str
 ) -> None:
-    """Raise `ShotsInvalid` where values of an object fit far better in another unit, or never."""
+    """Raise `ObservationsInvalid` where values fit far better in another unit, or never."""
     if any(KINDS[group.kind].by_tracker for group in measured):
         return
     name = measured[0].object.name
@@ -110,7 +110,7 @@ def _check_object(
     places = np.concatenate([block.near[..., :3].reshape(-1, 3) for block in as_written.fitted])
     spread_mm = float(np.ptp(places, axis=0).max())
     if spread_mm < LEAST_SPREAD_MM:
-        raise ShotsInvalid(
+        raise ObservationsInvalid(
             f"{where}: all places of {name} are within {spread_mm:.2g} mm of each other, must be "
             f"{LEAST_SPREAD_MM:g} mm apart",
             remedy="give joints in the units of their columns, and measure at many places",
@@ -123,13 +123,13 @@ def _check_object(
     }
     cause = min(causes, key=lambda words: causes[words])
     if causes[cause] <= min(BETTER_BY * misfit_mm, NOMINAL_MM):
-        raise ShotsInvalid(
+        raise ObservationsInvalid(
             f"{where}: {cause}: half of the {measured[0].kind}s of {name} are {misfit_mm:.3g} mm "
             f"or more from the nominal robot as written, {causes[cause]:.2g} mm so read",
             remedy="give values in mm, above the plane positive",
         )
     if misfit_mm > limit_mm:
-        raise ShotsInvalid(
+        raise ObservationsInvalid(
             f"{where}: half of the {measured[0].kind}s of {name} are {misfit_mm:.3g} mm or more "
             f"from what the nominal robot has, limit {limit_mm:g} mm",
             remedy="look at the order of rows and joints, and whether this is the robot of "

@@ -196,7 +196,8 @@ class ObjectConfig(FileModel):
         description="1 σ of what is stated of it: its place, height or length, mm",
     )
     turn_deg: Point | None = Field(
-        default=None, description="the rotation vector of its axes on its body, [x, y, z] deg"
+        default=None,
+        description="the rotation vector of its axes, seen from those of its body, [x, y, z], deg",
     )
     turn_std_deg: float | None = Field(
         default=None, gt=0.0, le=180.0, description="1 σ of this turn or of its axis, deg"

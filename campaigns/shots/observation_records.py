@@ -7,7 +7,7 @@ before. A journal without such a record holds no observations.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from campaigns.errors import ShotsInvalid
+from campaigns.errors import ObservationsInvalid
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Finding, adapter_of, read_body
 from campaigns.shots.import_export import FILE_DECIMALS, ImportedFile
@@ -79,7 +79,7 @@ def append_observations(
 def refuse_copied_observations(
     rows: Sequence[ObservationRow], others: Iterable[RecordedFile], name: str
 ) -> None:
-    """Raise `ShotsInvalid` for a row that is a copy of another, or of one in another file.
+    """Raise `ObservationsInvalid` for a row that is a copy of another, or of one in another file.
 
     A copy would count twice, and a held-out copy of a fitted row would confirm any model.
     """
@@ -87,7 +87,7 @@ def refuse_copied_observations(
     for row in rows:
         where = seen.setdefault(_as_in_files(row), f"line {row.line}")
         if where != f"line {row.line}":
-            raise ShotsInvalid(
+            raise ObservationsInvalid(
                 f"{name}:{row.line}: is a copy of {where}: kind, object, joints and value are "
                 "equal to the last digit",
                 remedy="leave it out; give the column time if it was measured twice",

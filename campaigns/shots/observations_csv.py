@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from campaigns.errors import ShotsInvalid
+from campaigns.errors import ObservationsInvalid
 from campaigns.files.csv_file import (
     CsvColumn,
     CsvForm,
@@ -88,10 +88,12 @@ def read_observations(
 ) -> tuple[ObservationRow, ...]:
     """Read a file of observations, in its order; planned ones have no values.
 
-    `objects` are the names in campaign.yaml; None: every name is taken. Raise `ShotsInvalid` with
-    the line.
+    `objects` are the names in campaign.yaml; None: every name is taken. Raise
+    `ObservationsInvalid` with the line.
     """
-    text = read_text(path, ShotsInvalid, if_missing="check the file's name", most_bytes=CSV_BYTES)
+    text = read_text(
+        path, ObservationsInvalid, if_missing="check the file's name", most_bytes=CSV_BYTES
+    )
     return parse_observations(text, str(path), mechanism, objects)
 
 
@@ -103,10 +105,10 @@ def write_observations(
 
 
 def require_measured(rows: Sequence[ObservationRow], name: str) -> None:
-    """Raise `ShotsInvalid`, with line and number, if any of the rows is only planned."""
+    """Raise `ObservationsInvalid`, with line and number, if any of the rows is only planned."""
     planned = [row for row in rows if row.is_planned]
     if planned:
-        raise ShotsInvalid(
+        raise ObservationsInvalid(
             f"{name}:{planned[0].line}: {len(planned)} of {len(rows)} observations have no value, "
             f"this one of {planned[0].object} is the first",
             remedy="measure them and fill in their values, or take their rows out",
@@ -116,7 +118,7 @@ def require_measured(rows: Sequence[ObservationRow], name: str) -> None:
 def parse_observations(
     text: str, name: str, mechanism: Mechanism, objects: Collection[str] | None = None
 ) -> tuple[ObservationRow, ...]:
-    """Read the observations of a file's text; raise `ShotsInvalid` with the line."""
+    """Read the observations of a file's text; raise `ObservationsInvalid` with the line."""
     lines: dict[tuple[str, ...], list[CsvRow]] = {}
     for row in parse_csv(text, name, _form(mechanism)):
         kind = _kind_of(row)
@@ -125,7 +127,7 @@ def parse_observations(
         label = row.text(PAIR) or row.where  # an observation of one pose stands alone
         lines.setdefault((kind.name, row.text(OBJECT), label), []).append(row)
     if not lines:
-        raise ShotsInvalid(
+        raise ObservationsInvalid(
             f"{name}: holds no observations", remedy="check that it is the right file"
         )
     return tuple(_observation_of(rows, mechanism) for rows in lines.values())
@@ -162,12 +164,12 @@ def _form(mechanism: Mechanism) -> CsvForm:
             CsvColumn("time"),
             whole_column(SESSION),
         ),
-        ShotsInvalid,
+        ObservationsInvalid,
     )
 
 
 def _kind_of(row: CsvRow) -> Kind:
-    """Return the kind of a row; raise `ShotsInvalid` for one that does not exist."""
+    """Return the kind of a row; raise `ObservationsInvalid` for one that does not exist."""
     name = row.text(KIND)
     if name not in KINDS:
         problem = f"unknown kind '{shown(name)}'" if name else "kind is empty"
@@ -176,7 +178,7 @@ def _kind_of(row: CsvRow) -> Kind:
 
 
 def _check_object(row: CsvRow, objects: Collection[str] | None) -> None:
-    """Raise `ShotsInvalid` for a row of no object, or of one that campaign.yaml does not have."""
+    """Raise `ObservationsInvalid` for a row of no object, or of none in campaign.yaml."""
     name = row.text(OBJECT)
     if not name:
         raise row.wrong("object is empty", remedy="name the bed, part or probe that was measured")
@@ -191,7 +193,7 @@ def _check_object(row: CsvRow, objects: Collection[str] | None) -> None:
 
 
 def _check_columns(row: CsvRow, kind: Kind) -> None:
-    """Raise `ShotsInvalid` for a row with values of another kind, or a pair where it has none."""
+    """Raise `ObservationsInvalid` for values of another kind, or a pair that it has not."""
     others = {name for other in KINDS.values() for name in other.columns} - {*kind.columns}
     filled = sorted(name for name in others if row.text(name))
     if filled:
@@ -213,7 +215,7 @@ def _check_columns(row: CsvRow, kind: Kind) -> None:
 
 
 def _observation_of(rows: Sequence[CsvRow], mechanism: Mechanism) -> ObservationRow:
-    """Return the observation of its rows, one a pose; raise `ShotsInvalid` with the line."""
+    """Return the observation of its rows, one a pose; raise `ObservationsInvalid` with the line."""
     last, kind = rows[-1], KINDS[rows[-1].text(KIND)]
     if len(rows) != kind.poses:
         problem, count = f"pair {shown(last.text(PAIR))} of {shown(last.text(OBJECT))}", len(rows)
@@ -246,7 +248,7 @@ def _counted(count: int) -> str:
 
 
 def _set_of(row: CsvRow) -> ShotSet:
-    """Return the set of a row; raise `ShotsInvalid` for one that observations do not have."""
+    """Return the set of a row; raise `ObservationsInvalid` for one that does not exist."""
     purpose = columns.shot_set(row, ShotSet.IDENTIFICATION)
     if purpose not in SETS:
         raise row.wrong(
@@ -256,7 +258,7 @@ def _set_of(row: CsvRow) -> ShotSet:
 
 
 def _std_of(row: CsvRow) -> float:
-    """Return the σ of a row; raise `ShotsInvalid` without one."""
+    """Return the σ of a row; raise `ObservationsInvalid` without one."""
     if not row.text(STD):
         raise row.wrong(
             f"{STD} is empty: no σ is assumed",

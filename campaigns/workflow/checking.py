@@ -19,7 +19,12 @@ from campaigns.design.tours import shortest_tour
 from campaigns.errors import PlanInvalid, ShotsMissing, VerdictBad
 from campaigns.identification.checking import RecordedCheck, check, read_check
 from campaigns.identification.identify import update
-from campaigns.identification.result import Pedigree, RecordedIdentification, StoredPosterior
+from campaigns.identification.result import (
+    WITHOUT_SHOTS,
+    Pedigree,
+    RecordedIdentification,
+    StoredPosterior,
+)
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Finding
 from campaigns.kinematics.model import Kinematics
@@ -159,6 +164,11 @@ def _passed_identification(
     """
     identification = latest_identification(journal)
     require_usable(campaign.nominal, identification)
+    if identification.provenance.series == WITHOUT_SHOTS:
+        raise VerdictBad(
+            "it was identified from observations without a tracker: a check measures shots again",
+            remedy="import new observations, and identify again",
+        )
     if (posterior := identification.uncertainty.posterior) is None:
         raise VerdictBad(
             f"--model {identification.provenance.model} keeps nothing to check by",

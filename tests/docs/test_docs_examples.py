@@ -21,6 +21,7 @@ from campaigns.planning.plans import joints_of, poses_of
 from campaigns.robots.program import Program, trust
 from campaigns.robots.robot import RobotFile, find_robot, read_robot
 from campaigns.settings.config import new_config, read_campaign
+from campaigns.shots.observations_csv import parse_observations
 from campaigns.shots.shots_csv import parse_shots
 from sim.scenarios.scenario import parse_scenario
 
@@ -84,6 +85,8 @@ def test_csv_example_is_taken_by_our_readers(block):
         shots = parse_plan(block.text, block.where, robot.mechanism)
         found = robot.kinematics.forward(joints_of(shots)).values_or_raise()
         assert abs(found - poses_of(shots)).max() < 1e-6, "its joints lead to its poses"
+    elif block.text.startswith("kind,"):
+        parse_observations(block.text, block.where, robot_of(block).mechanism)
     elif block.text.startswith("name,"):
         robot = find_robot("par4-prototype").robot
         same = TargetCorrection(robot.kinematics, robot.kinematics, robot.limits)

@@ -70,6 +70,10 @@ def test_hints_alone_lead_from_a_new_campaign_to_a_report(pkmcal, cell):
         {"name": "observations.csv", "objects": {"bed": len(PLACES), "part": 12}}
     ]
     assert status["next"] is None
+    page = (cell / "report.html").read_text()
+    assert "Observations without a tracker, and what they determine" in page
+    assert "4 heights of bed that were not fitted" in page
+    assert "No tracker has measured" in page
     assert pkmcal("history", "cell").code == 0
     (cell / "poses.csv").write_text("x_mm,y_mm,z_mm\n0,0,5\n50,0,5\n")
     assert pkmcal("correct", "cell", "--poses", cell / "poses.csv").code == 0
