@@ -102,7 +102,7 @@ def _check_object(
     """Raise `ObservationsInvalid` where values fit far better in another unit, or never."""
     if any(KINDS[group.kind].by_tracker for group in measured):
         return
-    name = measured[0].object.name
+    name, plural = measured[0].object.name, KINDS[measured[0].kind].plural
     try:
         as_written = other_kinds(measured, nominal)
     except ShotsMissing:
@@ -124,13 +124,13 @@ def _check_object(
     cause = min(causes, key=lambda words: causes[words])
     if causes[cause] <= min(BETTER_BY * misfit_mm, NOMINAL_MM):
         raise ObservationsInvalid(
-            f"{where}: {cause}: half of the {measured[0].kind}s of {name} are {misfit_mm:.3g} mm "
+            f"{where}: {cause}: half of the {plural} of {name} are {misfit_mm:.3g} mm "
             f"or more from the nominal robot as written, {causes[cause]:.2g} mm so read",
             remedy="give values in mm, above the plane positive",
         )
     if misfit_mm > limit_mm:
         raise ObservationsInvalid(
-            f"{where}: half of the {measured[0].kind}s of {name} are {misfit_mm:.3g} mm or more "
+            f"{where}: half of the {plural} of {name} are {misfit_mm:.3g} mm or more "
             f"from what the nominal robot has, limit {limit_mm:g} mm",
             remedy="look at the order of rows and joints, and whether this is the robot of "
             "robot.yaml; a robot that is so far off needs a larger gate.distance_mm",

@@ -28,7 +28,7 @@ from campaigns.controllers.export import (
 )
 from campaigns.controllers.issuer import Issuer
 from campaigns.controllers.projection import position_errors, project_plain
-from campaigns.errors import IdentificationRefused, VerdictBad
+from campaigns.errors import IdentificationRefused, ShotsMissing, VerdictBad
 from campaigns.files.text_file import write_text_unless_there
 from campaigns.identification.result import PositionStd
 from campaigns.journal.journal import JournalReader
@@ -38,6 +38,7 @@ from campaigns.kinematics.parameters import Parameters
 from campaigns.robots.reduced_form import FORM, ReducedForm, form_of
 from campaigns.robots.robot import RobotDocument, RobotFile, compensated
 from campaigns.shots.import_export import ImportedFile, exported_shots
+from campaigns.shots.observation_records import recorded_observations
 from campaigns.shots.shots_csv import write_shots
 
 SHOTS_FILE = "shots.csv"
@@ -253,6 +254,11 @@ def export_shots(
     """
     path = to or campaign.path(SHOTS_FILE)
     with campaign.journal_reader() as journal:
+        if recorded_observations(journal).files and campaign.series_to_identify(journal) is None:
+            raise ShotsMissing(
+                f"{campaign.folder}: no tracker has measured: there are observations and no shots",
+                remedy="the imported files of observations are as they were measured",
+            )
         series = campaign.measured_series(journal)
         accepted = journal.shots(series.number)
         rows, halves = exported_shots(series, accepted, campaign.robot.mechanism)

@@ -87,6 +87,7 @@ def test_heights_alone_are_judged_flat_and_no_more(pkmcal, cell):
     assert whole.document["next"] == "pkmcal identify cell --hold-out 20% --for flat"
     flat = pkmcal("identify", "cell", "--hold-out", "20%", "--for", "flat", "--json").document
     assert flat["verdict"] == "pass"
+    assert "no tracker has measured" in pkmcal("export", "cell", "--format", "shots").error_line
     tested = {each["name"]: each["is_tested"] for each in flat["determined"]}
     assert (tested["flat"], tested["xy"]) == (True, False)
 

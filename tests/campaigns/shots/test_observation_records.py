@@ -1,0 +1,94 @@
+"""Observations in the journal: a record a file, of each name the latest, old journals without."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from campaigns.campaign import now_utc
+from campaigns.errors import FindingUnreadable, ObservationsInvalid
+from campaigns.journal.journal import open_journal, read_journal
+from campaigns.journal.records import Finding
+from campaigns.shots.import_export import ImportedFile
+from campaigns.shots.observation_records import (
+    NO_OBSERVATIONS,
+    RecordedFile,
+    append_observations,
+    recorded_observations,
+    refuse_copied_observations,
+)
+from campaigns.shots.observations_csv import ObservationRow
+from campaigns.shots.shot_sets import ShotSet
+
+DATA = Path(__file__).parents[2] / "data"
+HEIGHT = ObservationRow("height", "bed", ((0.1, 0.2, 0.3),), (0.5,), 0.01, line=2, file="h.csv")
+WIDTH = ObservationRow(
+    "distance",
+    "part",
+    ((0.1, 0.2, 0.3), (0.2, 0.2, 0.3)),
+    (60.0,),
+    0.05,
+    purpose=ShotSet.VALIDATION,
+    pair="1",
+    time="2026-11-21T09:00:00Z",
+    session=2,
+    line=4,
+    file="w.csv",
+)
+
+
+def opened(path):
+    return open_journal(path, now_utc=now_utc, waits_for_disk=False)
+
+
+def test_of_each_file_name_the_latest_counts(tmp_path):
+    with opened(tmp_path / "campaign.db") as journal:
+        append_observations(journal, [HEIGHT], ImportedFile("h.csv", "1"))
+        append_observations(journal, [WIDTH], ImportedFile("w.csv", "2"))
+        append_observations(journal, [HEIGHT, HEIGHT], ImportedFile("h.csv", "3"))
+    with read_journal(tmp_path / "campaign.db") as journal:
+        observations = recorded_observations(journal)
+    assert [(file.name, file.sha256) for file in observations.files] == [
+        ("w.csv", "2"),
+        ("h.csv", "3"),
+    ]
+    assert observations.rows == (WIDTH, HEIGHT, HEIGHT)
+    assert (observations.latest, observations.record) == ("h.csv", 3)
+
+
+@pytest.mark.parametrize("name", ["journal-v1.db", "journal-v2.db"])
+def test_an_old_journal_holds_none(tmp_path, name):
+    path = tmp_path / "campaign.db"
+    shutil.copy(DATA / name, path)
+    with read_journal(path) as journal:
+        assert recorded_observations(journal) == NO_OBSERVATIONS
+
+
+def test_a_record_of_another_form_is_named(tmp_path):
+    with opened(tmp_path / "campaign.db") as journal:
+        journal.append(Finding("observations", {"name": "h.csv", "rows": []}))
+        with pytest.raises(FindingUnreadable, match="observations, sha256"):
+            recorded_observations(journal)
+
+
+def test_a_copy_counts_once():
+    file = RecordedFile("h.csv", "1", (HEIGHT,))
+    with pytest.raises(ObservationsInvalid, match=r"7: is a copy of h\.csv:2") as error:
+        refuse_copied_observations([replace(HEIGHT, line=7)], [file], "again.csv")
+    assert "time" in error.value.remedy
+    with pytest.raises(ObservationsInvalid, match="3: is a copy of line 2"):
+        refuse_copied_observations([HEIGHT, replace(HEIGHT, line=3)], (), "h.csv")
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        replace(HEIGHT, object="plate"),
+        replace(HEIGHT, values=(0.5000001,)),
+        replace(HEIGHT, joints=((0.1, 0.2, 0.31),)),
+        replace(HEIGHT, time="2026-11-21T09:00:00Z"),
+    ],
+)
+def test_what_differs_is_no_copy(other):
+    refuse_copied_observations([HEIGHT, replace(other, line=3)], (), "h.csv")
