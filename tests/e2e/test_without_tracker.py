@@ -74,6 +74,7 @@ def test_hints_alone_lead_from_a_new_campaign_to_a_report(pkmcal, cell):
     assert "Observations without a tracker, and what they determine" in page
     assert "4 heights of bed that were not fitted" in page
     assert "No tracker has measured" in page
+    assert "older model" not in page
     assert pkmcal("history", "cell").code == 0
     (cell / "poses.csv").write_text("x_mm,y_mm,z_mm\n0,0,5\n50,0,5\n")
     assert pkmcal("correct", "cell", "--poses", cell / "poses.csv").code == 0
