@@ -22,7 +22,7 @@ from campaigns.identification.other_kinds import Measured, OtherKinds, other_kin
 from campaigns.kinematics.model import Kinematics
 from campaigns.shots.observations_csv import ObservationRow
 from campaigns.shots.point_words import MM_PER_UNIT
-from drivers.values import DISTANCE
+from drivers.values import DISTANCE, SIGMA
 
 PLAUSIBLE_MM = 1.0
 """Misfit below which values are not doubted."""
@@ -50,7 +50,7 @@ def check_observations(
     measured = [replace(group, held_out=False) for group in measured_of(rows, rough)]
     _check_assembly(nominal, rows, {thing.name: thing for thing in objects}, where)
     for row in rows:
-        _check_distance(row, where)
+        _check_values(row, where)
     for name in dict.fromkeys(row.object for row in rows):
         _check_object(nominal, [m for m in measured if m.object.name == name], limit_mm, where)
 
@@ -83,17 +83,17 @@ def _seen_from(nominal: Kinematics, thing: Object) -> Kinematics:
         return nominal
 
 
-def _check_distance(row: ObservationRow, where: str) -> None:
-    """Raise `ObservationsInvalid` for a point where no tracker measures."""
-    if not KINDS[row.kind].by_tracker:
-        return
-    far_mm = float(np.linalg.norm(row.values[:3]))
-    if not DISTANCE.least <= far_mm <= DISTANCE.most:
-        raise ObservationsInvalid(
-            f"{where}:{row.line}: its point is {far_mm:.6g} mm from the tracker, must be "
-            f"{DISTANCE.least:g} to {DISTANCE.most:g}",
-            remedy="correct the row, or the unit of its columns",
-        )
+def _check_values(row: ObservationRow, where: str) -> None:
+    """Raise `ObservationsInvalid` for a length or σ beyond what instruments measure."""
+    columns = KINDS[row.kind].columns
+    lengths = [v for v, name in zip(row.values, columns, strict=True) if name.endswith("_mm")]
+    of_value = [(value, "its value", DISTANCE.most) for value in lengths]
+    for value, what, most in (*of_value, (row.std_mm, "its σ", SIGMA.most)):
+        if abs(value) > most:
+            raise ObservationsInvalid(
+                f"{where}:{row.line}: {what} is {value:.6g} mm, limit {most:g} mm",
+                remedy="correct the row, or the unit of its columns",
+            )
 
 
 def _check_object(

@@ -128,6 +128,19 @@ def test_joints_without_an_assembly_are_named_by_line(heights):
         check_observations(NOMINAL, rows, OBJECTS, 60.0, "o.csv")
 
 
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"values": (1e300,)}, r"3: its value is 1e\+300 mm, limit 200000 mm"),
+        ({"std_mm": 1e9}, r"3: its σ is 1e\+09 mm, limit 100 mm"),
+    ],
+)
+def test_what_no_instrument_measures_is_named_by_line(heights, changed, said):
+    rows = [heights[0], replace(heights[1], line=3, **changed), *heights[2:]]
+    with pytest.raises(ShotsInvalid, match=said):
+        check_observations(NOMINAL, rows, OBJECTS, 60.0, "o.csv")
+
+
 def test_one_place_touched_many_times_is_refused(heights):
     rows = [replace(row, joints=heights[0].joints) for row in heights]
     with pytest.raises(ShotsInvalid, match="within 0 mm of each other"):
