@@ -407,11 +407,11 @@ def remedy_for(identification: RecordedIdentification) -> tuple[str, str]:
     of_name = [each.numbers for each in judgement.findings if each.name == name]
     numbers = next(iter(of_name), {})
     first = "mend what the findings name, and measure again"
-    if provenance.asked or provenance.pedigree is not None:
-        return "", first
-    if provenance.series == WITHOUT_SHOTS:
+    if provenance.series == WITHOUT_SHOTS and "--for" not in provenance.asked:
         command = _remedy_without_shots(identification)
         return command, "" if command else first
+    if provenance.asked or provenance.pedigree is not None:
+        return "", first
     match name:
         case findings.BEYOND_TOLERANCE if numbers.get("parameter") not in TRACKER_SOURCES:
             first = "correct units, joints or robot.yaml; if the robot is built so"
@@ -438,7 +438,11 @@ def _remedy_without_shots(identification: RecordedIdentification) -> str:
     judged = [q for q in quantities if q.name in ON_PLANE and q.is_determined]
     if not judged:
         return ""
-    hold_out = "" if all(q.is_tested for q in judged) else " --hold-out 20%"
+    # what an option held out is held out again
+    by_file = (
+        all(q.is_tested for q in judged) and "--hold-out" not in identification.provenance.asked
+    )
+    hold_out = "" if by_file else " --hold-out 20%"
     return f"identify {{folder}}{hold_out} --for {','.join(q.name for q in judged)}"
 
 

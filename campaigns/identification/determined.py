@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.arrays import Array
+from campaigns.errors import OptionsInvalid
 from campaigns.evaluation.decision import COVERAGE, decide
 from campaigns.fit.error_model import frame_columns
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
@@ -154,6 +155,15 @@ def rotation_determined(
         return
     by = free_turns_deg(fit.model, fit.at.x, joints, poses)
     yield determined_by("rotation", fit, by, ratio, is_tested=is_tested)
+
+
+def require_turns(wanted: Sequence[str], nominal: Kinematics) -> None:
+    """Raise `OptionsInvalid` if rotation is wanted of a robot whose platform does not turn."""
+    if "rotation" in wanted and len(nominal.mechanism.task) == 3:
+        raise OptionsInvalid(
+            f"--for rotation: the platform of a {nominal.mechanism.name} does not turn",
+            remedy="ask for position, which is the default",
+        )
 
 
 def quantity_findings(

@@ -44,7 +44,12 @@ from campaigns.fit.rigid_transforms import SHOTS_FOR_A_FRAME, fit_transform
 from campaigns.fit.uncertainty import NullDirections, frame_of_today, null_directions
 from campaigns.identification import findings
 from campaigns.identification.checking import fit_with_former, former_datum, misfit_of
-from campaigns.identification.determined import Determined, quantity_findings, widened
+from campaigns.identification.determined import (
+    Determined,
+    quantity_findings,
+    require_turns,
+    widened,
+)
 from campaigns.identification.findings import NOTHING_UNSEEN, Finding
 from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.known_lengths import KnownLengths, known_lengths
@@ -109,11 +114,7 @@ def identify(
     Raise `ShotsMissing` for too few shots, `ShotsInvalid` for shots that cannot be this robot's.
     """
     options = options or IdentificationOptions()
-    if "rotation" in options.quantities and len(nominal.mechanism.task) == 3:
-        raise OptionsInvalid(
-            f"--for rotation: the platform of a {nominal.mechanism.name} does not turn",
-            remedy="ask for position, which is the default",
-        )
+    require_turns(options.quantities, nominal)
     if measured and options.model == "paper":
         raise OptionsInvalid(
             "observations of other kinds are not fitted by the paper's method",

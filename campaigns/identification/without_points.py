@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from campaigns.arrays import Array
-from campaigns.errors import ShotsInvalid, ShotsMissing
+from campaigns.errors import OptionsInvalid, ShotsInvalid, ShotsMissing
 from campaigns.fit.error_model import Observations
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.fit.events import add_steps, spread_over_parts, steps_of
@@ -22,6 +22,7 @@ from campaigns.identification.determined import (
     determined_by,
     determined_on_planes,
     quantity_findings,
+    require_turns,
     rotation_determined,
     widened,
 )
@@ -59,9 +60,15 @@ def identify_without_points(
 ) -> IdentificationResult:
     """Identify a robot from observations of other kinds, and judge what they determine.
 
-    A tracker's frame is placed by its probes and reflectors. Raise `ShotsMissing` for nothing to
-    fit, `ShotsInvalid` for observations that lead to no robot.
+    A tracker's frame is placed by its probes and reflectors. Raise `OptionsInvalid` for options of
+    shots, `ShotsMissing` for nothing to fit, `ShotsInvalid` for observations that lead to no robot.
     """
+    require_turns(options.quantities, nominal)
+    if options.model == "paper" or options.shots != (None, None):
+        raise OptionsInvalid(
+            "--model paper and --only-shots are for shots, of which there are none",
+            remedy="leave them out",
+        )
     nominal = replace(nominal, mechanism=nominal.mechanism.body(None))  # no reflector moves along
     measured = tuple(measured)
     joints, task = len(nominal.mechanism.joints), len(nominal.mechanism.task)
@@ -140,7 +147,11 @@ class _Observed(StatedValues):
             ),
             judgement=Judgement.of(
                 tuple(self._findings(fit, null, determined, tests)),
-                ["; ".join(f"{q.name}: 1 σ is {q.rms:.2g} {q.unit} rms" for q in determined)],
+                [
+                    f"{q.name}: 1 σ is {q.rms:.2g} {q.unit} rms"
+                    for q in determined
+                    if q.name in self.options.judged_quantities
+                ],
             ),
             residuals=Residuals(),
             provenance=Provenance("full", fit.has_converged, fit.rounds),

@@ -88,9 +88,15 @@ def test_heights_alone_are_judged_flat_and_no_more(pkmcal, cell):
     assert whole.document["next"] == "pkmcal identify cell --hold-out 20% --for flat"
     flat = pkmcal("identify", "cell", "--hold-out", "20%", "--for", "flat", "--json").document
     assert flat["verdict"] == "pass"
+    assert [reason.partition(":")[0] for reason in flat["reasons"]] == ["flat"]
     assert "no tracker has measured" in pkmcal("export", "cell", "--format", "shots").error_line
     tested = {each["name"]: each["is_tested"] for each in flat["determined"]}
     assert (tested["flat"], tested["xy"]) == (True, False)
+    assert "does not turn" in pkmcal("identify", "cell", "--for", "rotation").error_line
+    for words in (("--only-shots", "0-5"), ("--model", "paper")):
+        assert "are for shots" in pkmcal("identify", "cell", *words).error_line
+    asked = pkmcal("identify", "cell", "--hold-out", "20%", "--fix", "rods", "--json").document
+    assert asked["next"] == "pkmcal identify cell --hold-out 20% --for flat"
 
 
 def test_a_file_counts_until_another_of_its_name_takes_its_place(pkmcal, cell):
