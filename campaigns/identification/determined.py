@@ -41,6 +41,10 @@ UNTESTED: Mapping[QuantityWord, str] = {
     "xy": "no distance was held out to check it",
     "rotation": "no shot checks it: points of one reflector show no rotation",
 }
+UNSTATED: Mapping[QuantityWord, str] = {
+    **dict.fromkeys(ON_PLANE, "no heights of a plane were measured, at which it could be stated"),
+    "rotation": "the robot has no workspace over which it could be stated",
+}
 MOST_ASSUMED = 0.5
 """Share of a quantity's variance that may come from tolerances if shots determine it."""
 FEWEST_DETERMINED = 1.0
@@ -174,9 +178,9 @@ def quantity_findings(
     `rotation_deg` is the acceptance limit of the tool's rotation; None if there is none.
     """
     stated = {quantity.name for quantity in determined}
-    for name in [name for name in ON_PLANE if name in wanted and name not in stated]:
-        says = f"{name}: no heights of a plane were measured, at which it could be stated"
-        yield Finding(NOT_DETERMINED, says, "not decided")
+    for name, lacking in UNSTATED.items():
+        if name in wanted and name not in stated:
+            yield Finding(NOT_DETERMINED, f"{name}: {lacking}", "not decided")
     for quantity in determined:
         if quantity.name not in wanted:
             continue

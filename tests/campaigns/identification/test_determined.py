@@ -128,4 +128,5 @@ def test_quantities_on_a_plane_are_in_mm_and_missing_ones_come_in_one_order():
     }
     assert units == {"flat": "mm", "xy": "mm", "position": "mm", "rotation": "deg"}
     missing = quantity_findings([], ("xy", "rotation", "flat"), None)
-    assert [finding.says.partition(":")[0] for finding in missing] == ["flat", "xy"]
+    names = [finding.says.partition(":")[0] for finding in missing]
+    assert names == ["flat", "xy", "rotation"], "what nothing states is not decided"
