@@ -46,6 +46,7 @@ def check_observations(
     `where` names the file, `limit_mm` is the largest plausible misfit. Raise `OptionsInvalid` for
     an object that is not among the objects.
     """
+    nominal = replace(nominal, mechanism=nominal.mechanism.body(None))  # no reflector moves along
     rough = tuple(_with_rough_shrinkage(thing) for thing in objects)
     measured = [replace(group, held_out=False) for group in measured_of(rows, rough)]
     _check_assembly(nominal, rows, {thing.name: thing for thing in objects}, where)
