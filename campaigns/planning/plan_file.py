@@ -48,6 +48,8 @@ class PlannedShot:
     """Joint values (n,), rad or mm."""
     nest: str = ""
     """Fixed place whose reflector is measured while the robot stands; "": the robot's reflector."""
+    reflector: str = ""
+    """Object of campaign.yaml where the robot's reflector sits; "": where robot.yaml says."""
 
 
 def plan_form(mechanism: Mechanism) -> CsvForm:
@@ -59,7 +61,7 @@ def plan_form(mechanism: Mechanism) -> CsvForm:
             whole_column("pair", required=True),
             *columns.columns_of(mechanism.task),
             *columns.columns_of(mechanism.joints),
-            *map(CsvColumn, (columns.NEST, *FORMER_COLUMNS)),
+            *map(CsvColumn, (columns.NEST, columns.REFLECTOR, *FORMER_COLUMNS)),
         ),
         PlanInvalid,
     )
@@ -105,6 +107,7 @@ def plan_text(shots: Sequence[PlannedShot], mechanism: Mechanism) -> str:
                 "set": shot.purpose.value,
                 "pair": shot.pair,
                 columns.NEST: shot.nest,
+                columns.REFLECTOR: shot.reflector,
                 **columns.axis_cells(mechanism.task, shot.pose.coordinates),
                 **columns.axis_cells(mechanism.joints, shot.joints),
             }
@@ -194,4 +197,5 @@ def _shot_of(row: CsvRow, mechanism: Mechanism) -> PlannedShot:
         pose=pose_of(columns.axis_values(row, mechanism.task)),
         joints=row.values(columns.axis_columns(mechanism.joints)),
         nest=columns.nest_name(row, purpose),
+        reflector=columns.reflector_name(row, purpose),
     )

@@ -14,6 +14,8 @@ from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, ShotSet
 POINT_COLUMNS = ("x_mm", "y_mm", "z_mm")
 NEST = "nest"
 """Column of the fixed reflector place that was measured."""
+REFLECTOR = "reflector"
+"""Column of the object where the robot's reflector sits, if not where robot.yaml says."""
 
 SETS = {purpose.value: purpose for purpose in ShotSet}
 """Sets by their words in files."""
@@ -104,6 +106,18 @@ def nest_name(row: CsvRow, purpose: ShotSet) -> str:
         )
     if not name and purpose is ShotSet.NEST:
         raise row.wrong("nest is empty", remedy="name the nest that was measured")
+    return name
+
+
+def reflector_name(row: CsvRow, purpose: ShotSet) -> str:
+    """Read where a row's reflector sits, by its column `reflector`: empty for robot.yaml's place."""
+    name = row.text(REFLECTOR)
+    if name and not purpose.on_robot:
+        raise row.wrong(
+            f"reflector is {shown(name)}, but a shot for {purpose.value} is of no reflector on the "
+            "robot",
+            remedy="leave it empty",
+        )
     return name
 
 

@@ -58,6 +58,21 @@ def test_columns_of_older_plans_are_read_past():
     assert read(older) == read(PLAN)
 
 
+def test_a_plan_names_where_the_reflector_sits_only_if_that_is_not_as_usual():
+    shots = read(PLAN)
+    moved = (*shots[:1], *(replace(shot, reflector="half 2") for shot in shots[1:]))
+    text = plan_file.plan_text(moved, PAR4)
+    assert text.splitlines()[0] == HEADER.strip() + ",reflector"
+    assert [shot.reflector for shot in read(text)] == ["", *["half 2"] * 4]
+    assert digest(moved) != digest(shots)
+    assert digest(read(PLAN)) == digest(shots)
+
+
+def test_a_nest_has_no_reflector_of_the_robot():
+    text = HEADER.strip() + ",nest,reflector\n0,nest,,0,0,-575,0,10,10,10,10,A,half 2\n"
+    assert "a shot for nest is of no reflector on the robot" in complaint(text)
+
+
 def test_older_plans_are_kept_and_the_last_one_stays_if_a_new_one_cannot_be_written(
     tmp_path, monkeypatch
 ):
