@@ -137,5 +137,5 @@ def _design(
     covariance = point_covariance_mm2(poses[:, :3] - tracker_mm, request.uncertainty)
     whitened = np.linalg.solve(np.linalg.cholesky(covariance), linearised.jacobian)
     # the six unknowns of the tracker's frame move no position in the base frame: zero columns
-    judged_rows = np.pad(judged.reshape(-1, judged.shape[2]), ((0, 0), (0, 6)))
+    judged_rows = np.pad(judged, ((0, 0), (0, 0), (0, 6)))
     return ShotDesign(whitened, prior_precision(model), judged_rows)

@@ -110,7 +110,7 @@ def nest_name(row: CsvRow, purpose: ShotSet) -> str:
 
 
 def reflector_name(row: CsvRow, purpose: ShotSet) -> str:
-    """Read where a row's reflector sits, by its column `reflector`: empty for robot.yaml's place."""
+    """Read where a row's reflector sits, by its column `reflector`: "" is as robot.yaml says."""
     name = row.text(REFLECTOR)
     if name and not purpose.on_robot:
         raise row.wrong(

@@ -8,15 +8,16 @@ from campaigns.fit.design import ShotDesign
 CANDIDATES, UNKNOWNS, POSITIONS = 12, 5, 7
 
 
-def design(seed=1, chosen=()):
+def design(seed=1, chosen=(), rows=3):
     rng = np.random.default_rng(seed)
-    jacobians = rng.normal(size=(CANDIDATES, 3, UNKNOWNS)) * rng.uniform(
+    jacobians = rng.normal(size=(CANDIDATES, rows, UNKNOWNS)) * rng.uniform(
         0.3, 3.0, (CANDIDATES, 1, 1)
     )
     root = rng.normal(size=(UNKNOWNS, UNKNOWNS))
     judged = rng.normal(size=(3 * POSITIONS, UNKNOWNS))
     prior = 0.1 * (root @ root.T + np.eye(UNKNOWNS))
-    return ShotDesign(jacobians, prior, judged.copy(), list(chosen)), judged
+    by_position = judged.reshape(POSITIONS, 3, UNKNOWNS)
+    return ShotDesign(jacobians, prior, by_position, list(chosen)), judged
 
 
 def covariance_of(shots, chosen):
@@ -93,6 +94,16 @@ def test_exchange_is_that_by_trying_all_candidates(seed):
     assert shots.chosen == expected
     assert shots.position_std_mm == pytest.approx(std_mm(shots, judged, expected))
     assert shots.position_std_mm < before_mm
+    assert shots.covariance == pytest.approx(covariance_of(shots, expected), rel=1e-12)
+
+
+@pytest.mark.parametrize("rows", [1, 6])
+def test_observations_of_any_number_of_rows_are_chosen_alike(rows):
+    shots, judged = design(2, rows=rows)
+    shots.add_until(4)
+    expected = exchanged(shots, judged, shots.chosen)
+    shots.exchange()
+    assert shots.chosen == expected
     assert shots.covariance == pytest.approx(covariance_of(shots, expected), rel=1e-12)
 
 
