@@ -137,14 +137,38 @@ def workspace_poses(
 
     Raise `WorkspaceTooSmall` if there are fewer.
     """
+    extent = search_extent(kinematics.mechanism, kinematics.p, limits, centre)
+    return _rejection_sample(centre, extent, count, rng, _within_reach(kinematics, limits, space))
+
+
+def poses_at_level(
+    kinematics: Kinematics,
+    limits: Limits,
+    centre: Array,
+    count: int,
+    rng: np.random.Generator,
+    space: RestrictedSpace = UNRESTRICTED,
+) -> Array:
+    """Draw poses (count, t) evenly at the centre's level, turned as there, seen or not.
+
+    Raise `WorkspaceTooSmall` if there are fewer.
+    """
+    extent = search_extent(kinematics.mechanism, kinematics.p, limits, centre)
+    extent[2:] = 0.0
+    return _rejection_sample(centre, extent, count, rng, _within_reach(kinematics, limits, space))
+
+
+def _within_reach(
+    kinematics: Kinematics, limits: Limits, space: RestrictedSpace
+) -> Callable[[Array], Mask]:
+    """Return the judgement of which poses (N, t) a robot can take in its space, (N,)."""
 
     def is_within_reach(poses: Array) -> Mask:
         allowed = space.allows(poses[:, :3])
         allowed[allowed] = kinematics.feasibility(limits, poses[allowed]).feasible
         return allowed
 
-    extent = search_extent(kinematics.mechanism, kinematics.p, limits, centre)
-    return _rejection_sample(centre, extent, count, rng, is_within_reach)
+    return is_within_reach
 
 
 def sample_workspace(

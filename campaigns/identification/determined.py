@@ -20,9 +20,10 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.errors import OptionsInvalid
 from campaigns.evaluation.decision import COVERAGE, decide
-from campaigns.fit.error_model import frame_columns
+from campaigns.fit.error_model import ErrorModel, frame_columns
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.fit import Fit
+from campaigns.fit.kinds import Block
 from campaigns.fit.predicted_rows import moved_body
 from campaigns.fit.uncertainty import budget, free_turns_deg, length_std, without_motions
 from campaigns.identification.findings import NOT_DETERMINED, NOT_TESTED, TOO_UNCERTAIN, Finding
@@ -128,18 +129,28 @@ def determined_on_planes(fit: Fit, tested: Collection[str]) -> Iterator[Determin
     `tested` are the quantities that held-out observations check.
     """
     touched = [
-        moved_body(fit.model, fit.at.x, block.rows(np.flatnonzero(good >= 0.5)).of_today(), 0)
+        block.rows(np.flatnonzero(good >= 0.5))
         for block, good in zip(fit.observations.blocks, fit.good_of_others, strict=True)
         if "flat" in block.kind.checks
     ]
+    for name, by in by_on_planes(fit.model, fit.at.x, touched):
+        yield determined_by(name, fit, by, is_tested=name in tested)
+
+
+def by_on_planes(
+    model: ErrorModel, x: Array, touched: Sequence[Block]
+) -> Iterator[tuple[QuantityWord, Array]]:
+    """Yield quantities on planes with their derivatives (M, r, P) at unknowns x (P,).
+
+    They are of the bodies that touched, without the motions that their users define.
+    """
     if not touched:
         return
-    places = np.concatenate([bodies.bodies.place for bodies in touched])
-    by_unknowns = np.concatenate([bodies.place_by_unknowns(fit.model) for bodies in touched])
-    motions = frame_columns(places)
+    moved = [moved_body(model, x, block.of_today(), 0) for block in touched]
+    by_unknowns = np.concatenate([bodies.place_by_unknowns(model) for bodies in moved])
+    motions = frame_columns(np.concatenate([bodies.bodies.place for bodies in moved]))
     for name, (rows, free) in ON_PLANE.items():
-        by = without_motions(by_unknowns[:, rows], motions[:, rows][..., free])
-        yield determined_by(name, fit, by, is_tested=name in tested)
+        yield name, without_motions(by_unknowns[:, rows], motions[:, rows][..., free])
 
 
 def rotation_determined(

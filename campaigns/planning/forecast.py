@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from campaigns.arrays import AXES, Array
+from campaigns.arrays import AXES, Array, Index
 from campaigns.design.pose_sampling import sample_workspace
 from campaigns.design.tours import positive_approach_shares
 from campaigns.errors import ConfigInvalid, PlanInvalid
@@ -92,7 +92,8 @@ def forecast(
     """
     # The forecast is for whole pairs of the identification set; approach directions are taken
     # along all shots in order, since a drift shot between moves the joints as well.
-    rows = pairs_of(shots, ShotSet.IDENTIFICATION).ravel()
+    # Shots of a reflector elsewhere are observations of another kind (`campaigns.studies.outlook`).
+    rows = points_of(shots)
     if len(rows) < FEWEST_SHOTS:
         raise PlanInvalid(
             f"{len(rows)} shots to identify from place no frame of the tracker",
@@ -114,13 +115,19 @@ def forecast(
     )
     return Forecast(
         shots=len(rows),
-        std=_std_by_name(model, null.transform_covariance(covariance[:size, :size])),
+        std=std_by_name(model, null.transform_covariance(covariance[:size, :size])),
         units=dict(zip(model.parameters, model.units, strict=False)),
         position_std_mm=length_std(judged, covariance[:size, :size]),
         from_below=tuple(positive_approach_shares(joints, joints[0], identify).tolist()),
         freedom=3.0 * len(rows) - len(prior) + float((covariance * prior).sum()),
         rotation_std_deg=None if turns is None else length_std(turns, covariance[:size, :size]),
     )
+
+
+def points_of(shots: Sequence[PlannedShot]) -> Index:
+    """Return the rows of the shots to identify from whose reflector is where robot.yaml says."""
+    rows = pairs_of(shots, ShotSet.IDENTIFICATION).ravel()
+    return rows[np.array([not shots[row].reflector for row in rows.tolist()], dtype=np.bool_)]
 
 
 def linearised_plan(
@@ -141,7 +148,7 @@ def prior_precision(model: ErrorModel) -> Array:
     return np.diag([1.0] * len(model.names) + [FRAME_PRECISION] * 6)
 
 
-def _std_by_name(model: ErrorModel, covariance: Array) -> dict[str, float]:
+def std_by_name(model: ErrorModel, covariance: Array) -> dict[str, float]:
     """Return 1 σ in file units of what shots determine, without places on the plate."""
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     rows = zip(model.parameters, model.groups, std, model.file_tolerance, strict=False)

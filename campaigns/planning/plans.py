@@ -293,6 +293,37 @@ def ordered_shots(
     return tuple(replace(shot, shot=number) for number, shot in enumerate(shots))
 
 
+# All pairs at one place of the reflector first, then all at the next: the fewest moves. Every
+# second pair of the tour is of each, so that each goes all over the workspace.
+def in_turn(shots: Sequence[PlannedShot], reflectors: Sequence[str]) -> tuple[PlannedShot, ...]:
+    """Deal the pairs of a plan to places of the reflector in turn, each with its drift shots.
+
+    `reflectors` are names of objects; "" is where robot.yaml says. Shots are renumbered.
+    """
+    drift = [shot for shot in shots if shot.purpose is ShotSet.DRIFT]
+    by_pair: dict[int | None, list[PlannedShot]] = {}
+    for shot in shots:
+        if shot.pair is not None:
+            by_pair.setdefault(shot.pair, []).append(shot)
+    ordered: list[PlannedShot] = []
+    count = max(FEWEST_DRIFT_SHOTS, math.ceil(len(drift) / len(reflectors)))
+    for place, name in enumerate(reflectors):
+        # each set is dealt by itself, so that each place has its share of both
+        mine = [
+            pair
+            for purpose in (ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
+            for pair in [p for p in by_pair.values() if p[0].purpose is purpose][
+                place :: len(reflectors)
+            ]
+        ]
+        mine.sort(key=lambda pair: shots.index(pair[0]))
+        before = np.round(np.linspace(0, len(mine), count)).astype(int).tolist()
+        for number, pair in enumerate([*mine, []]):
+            of_place = [*drift[:1] * before.count(number), *pair]
+            ordered += [replace(shot, reflector=name) for shot in of_place]
+    return tuple(replace(shot, shot=number) for number, shot in enumerate(ordered))
+
+
 def with_nests(
     shots: Sequence[PlannedShot], nests: Sequence[NestConfig], lengths: Sequence[KnownLengthConfig]
 ) -> tuple[PlannedShot, ...]:
@@ -312,9 +343,10 @@ def with_nests(
             continue
         for bar in bars:
             pair += 1  # each measurement of a bar is a pair of its own
-            length = replace(shot, purpose=ShotSet.KNOWN_LENGTH, pair=pair)
+            length = replace(shot, purpose=ShotSet.KNOWN_LENGTH, pair=pair, reflector="")
             all_shots += [replace(length, nest=name) for name in bar]
-        all_shots += [replace(shot, purpose=ShotSet.NEST, nest=name) for name in single_nests]
+        nest = replace(shot, purpose=ShotSet.NEST, reflector="")
+        all_shots += [replace(nest, nest=name) for name in single_nests]
     return tuple(replace(shot, shot=number) for number, shot in enumerate(all_shots))
 
 
