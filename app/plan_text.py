@@ -1,23 +1,30 @@
 """Plan and its predicted uncertainty, for people and for programs."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from app.console import WARNING, Terminal
 from app.progress import interval
 from campaigns.campaign import Campaign
 from campaigns.design.restricted_space import Refusals, RestrictedSpace
 from campaigns.fit.error_sources import SOURCES
+from campaigns.fit.kinds import KINDS
+from campaigns.identification.determined import UNITS, Determined
 from campaigns.identification.repeats import PlannedVisits
 from campaigns.kinematics.parameters import SIGNS, ParameterTable
 from campaigns.planning.forecast import Forecast
-from campaigns.planning.plan_check import CheckedPlan
+from campaigns.planning.plan_check import REFLECTOR_MOVE_S, CheckedPlan
+from campaigns.shots.shot_sets import ShotSet
+from campaigns.studies.outlook import Gain
+from campaigns.workflow.observing import PlannedObservations
 from campaigns.workflow.planning import PlannedCampaign
 
 ONE_SIDED = 0.85
 """Share of approaches from one side above which the plan is warned about.
 
 With all approaches from one side, backlash moves a joint by a constant, as a joint offset does."""
+LEAST_GAIN = 0.1
+"""Part of σ that ten more of a kind must take away to be worth naming: forecasts are no better."""
 PREDICTED = (
     "predicted 1 σ; prior: every source of error at its tolerance; noise: the tracker's, as "
     "campaign.yaml states it"
@@ -78,6 +85,88 @@ def forecast_lines(
         yield f"weakest: {', '.join(weakest)}"
 
 
+def show_observations(terminal: Terminal, planned: PlannedObservations) -> None:
+    """Show planned observations, what all of it determines, and what further ones would gain."""
+    for line in observations_lines(planned):
+        terminal.say(line)
+    columns = ("what this determines", "1 σ, rms", "at most", "from tolerances", "")
+    terminal.table("Before anything is measured", columns, determined_rows(planned.determined))
+    words = f"σ of {planned.quantity}"
+    columns = ("more of", words, "with these", "from tolerances", "time")
+    terminal.table("What further observations would gain", columns, gain_rows(planned))
+    for line in advice(planned):
+        terminal.say(line)
+
+
+def observations_lines(planned: PlannedObservations) -> Iterator[str]:
+    """Yield how many observations of each object are planned, and the time that they take."""
+    counts = Counter((row.kind, row.object) for row in planned.rows)
+    held_out = Counter(row.object for row in planned.rows if row.purpose is ShotSet.VALIDATION)
+    for (kind, name), count in counts.items():
+        yield f"{count} {_plural(kind, name)}, {held_out[name]} of them held out to test the result"
+    if planned.rows:
+        yield f"observations take about {interval((planned.seconds, planned.seconds))}"
+
+
+def determined_rows(determined: Iterable[Determined]) -> list[tuple[str, ...]]:
+    """Return a row for each quantity: its σ, their source, whether it is determined and tested."""
+    return [
+        (
+            quantity.name,
+            f"{quantity.rms:.4f} {quantity.unit}",
+            f"{quantity.max:.4f} {quantity.unit}",
+            f"{quantity.assumed:.0%}",
+            ("determined" if quantity.is_determined else "NOT determined")
+            + (", tested" if quantity.is_tested else ", not tested"),
+        )
+        for quantity in determined
+    ]
+
+
+def gain_rows(planned: PlannedObservations) -> list[tuple[str, ...]]:
+    """Return a row for each object, and for shots: what ten more gain, and the time they take."""
+    unit = UNITS[planned.quantity]
+    return [
+        (
+            _more(gain),
+            f"{gain.now:.4f} {unit}",
+            f"{gain.then:.4f} {unit}",
+            f"{gain.assumed:.0%}",
+            interval((gain.seconds, gain.seconds)),
+        )
+        for gain in planned.gains
+    ]
+
+
+def advice(planned: PlannedObservations) -> Iterator[str]:
+    """Yield what to measure next, what not, and whether a length is missing."""
+    useful = [gain for gain in planned.gains if gain.share >= LEAST_GAIN]
+    if useful:
+        best = useful[0]
+        yield (
+            f"gains most per minute: {_more(best)}, σ of {planned.quantity} "
+            f"{best.now:.2g} → {best.then:.2g} {UNITS[planned.quantity]}"
+        )
+    for gain in planned.gains:
+        if gain.share < LEAST_GAIN:
+            yield f"{_more(gain)} gain next to nothing in {planned.quantity}"
+    sized = next((q for q in planned.determined if q.name == planned.quantity), None)
+    is_open = sized is not None and not sized.is_determined
+    if planned.quantity in ("xy", "position") and is_open and not planned.has_lengths:
+        yield "a length is missing: nothing that is planned has one, as distances on a part do"
+
+
+def _more(gain: Gain) -> str:
+    """Return further observations in words."""
+    return f"{gain.count} {_plural(gain.kind, gain.name)}"
+
+
+def _plural(kind: str, name: str) -> str:
+    """Return observations of an object in words; a shot is of none."""
+    kinds = KINDS[kind].plural if kind in KINDS else f"{kind}s"
+    return kinds if name in (kind, kinds) else f"{kinds} of {name}"
+
+
 def visits_line(visits: tuple[PlannedVisits, PlannedVisits]) -> str:
     """Return what visits of the drift pose will show, and what twice as many would and cost."""
     now, doubled = visits
@@ -135,3 +224,13 @@ def plan_line(checked: CheckedPlan) -> str:
     sets = ", ".join(f"{count} {purpose}" for purpose, count in counts.items())
     duration = interval((checked.seconds, checked.seconds))
     return f"{len(checked.shots)} shots ({sets}), about {duration}"
+
+
+def moves_line(checked: CheckedPlan) -> str:
+    """Return where the reflector is moved on the platform and the time of it; "" if nowhere."""
+    if not (moves := checked.reflector_moves):
+        return ""
+    names = {shot.shot: shot.reflector or "where robot.yaml says" for shot in checked.shots}
+    where = ", ".join(f"before shot {shot} ({names[shot]})" for shot in moves)
+    seconds = REFLECTOR_MOVE_S * len(moves)
+    return f"the reflector is moved {where}: {interval((seconds, seconds))} of this"

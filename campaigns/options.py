@@ -13,7 +13,7 @@ from campaigns.controllers.export import CalibrationRoute
 from campaigns.controllers.objections import ObjectionName
 from campaigns.errors import OptionsInvalid
 from campaigns.evaluation.validation import BY_DEFAULT, SET_OF
-from campaigns.identification.options import Fixed
+from campaigns.identification.options import Fixed, QuantityWord
 from campaigns.planning.plans import Placement
 from campaigns.settings.option import Option, typed_words
 from campaigns.shots.shot_sets import ShotSet
@@ -49,9 +49,9 @@ class PlanOptions:
         int | None,
         Option(
             "Number of identification shots, two per pair; validation and drift shots are added. "
-            "With --until: the maximum.",
+            "With --until: the maximum. 0: observations of --observe alone, without a tracker.",
             metavar="N",
-            least=2,
+            least=0,
         ),
     ] = None
     placement: Annotated[
@@ -69,6 +69,31 @@ class PlanOptions:
             metavar="MM",
         ),
     ] = None
+    observe: Annotated[
+        tuple[str, ...],
+        Option(
+            "Plan so many observations of an object of campaign.yaml, such as bed=30, and write "
+            "observations.csv; repeatable. What is stated of the object says of which kind, or "
+            "height:bed=30.",
+            metavar="OBJECT=COUNT",
+        ),
+    ] = ()
+    reflector: Annotated[
+        tuple[str, ...],
+        Option(
+            "Measure every second pair with the reflector at this object of campaign.yaml, such as "
+            "the other half of a plate; repeatable.",
+            metavar="OBJECT",
+        ),
+    ] = ()
+    quantity: Annotated[
+        QuantityWord,
+        Option(
+            "What observations are chosen for, and compared by: position, rotation; flat or xy of "
+            "a bed.",
+            name="--for",
+        ),
+    ] = "position"
     fix: Fixed = ()
     seed: Annotated[int | None, Option("Another seed than campaign.yaml's.", "N", least=0)] = None
 
@@ -77,10 +102,28 @@ class PlanOptions:
             raise OptionsInvalid(
                 f"--shots is {self.shots}, but two make a pair", remedy="give an even number"
             )
+        if self.shots == 0:
+            self._check_without_shots()
         if self.placement is Placement.BOUNDARY and self.until is not None:
             raise OptionsInvalid(
                 "--until is for shots that are chosen, but --placement boundary draws them",
                 remedy="give --placement optimal, or leave --until out",
+            )
+
+    def _check_without_shots(self) -> None:
+        """Raise `OptionsInvalid` for options of shots where there are none, or nothing to plan."""
+        of_shots = {
+            "--placement": self.placement is not None,
+            "--until": self.until is not None,
+            "--reflector": bool(self.reflector),
+        }
+        for name in [name for name, is_given in of_shots.items() if is_given]:
+            raise OptionsInvalid(
+                f"--shots 0 plans no shots, which {name} is for", remedy=f"leave {name} out"
+            )
+        if not self.observe:
+            raise OptionsInvalid(
+                "--shots 0 leaves nothing to plan", remedy="add --observe, such as bed=30"
             )
 
 

@@ -1,5 +1,6 @@
 """pkmcal plan: choose the poses to measure, and predict the uncertainty."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -9,13 +10,31 @@ from app.console import WARNING, Terminal
 from app.next import tell_next
 from app.options import Plot
 from campaigns.campaign import Campaign
+from campaigns.errors import OptionsInvalid
 from campaigns.identification.repeats import PlannedVisits
 from campaigns.measuring.stopping_rule import read_goal
 from campaigns.options import PlanOptions, ProgramOptions
 from campaigns.planning.plans import pairs_of
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.workflow.planning import PlannedCampaign, plan
+from campaigns.studies.outlook import Gain
+from campaigns.workflow.observing import PlannedObservations
+from campaigns.workflow.planning import PlannedCampaign, plan, plan_without_shots
 from campaigns.workflow.programs import WrittenProgram, write_programs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObservationsAnswer:
+    """Planned observations of other kinds, and what all that is planned will determine."""
+
+    counts: Mapping[str, int]
+    """Observations of each object, those held out included."""
+    seconds_estimated: float
+    determined: Sequence[Mapping[str, object]]
+    quantity: str
+    gains: Sequence[Gain]
+    """What ten more of each object would gain in the quantity; the most per minute first."""
+    path: Path | None
+    """Where they are written; None: none is asked for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +61,10 @@ class PlanAnswer:
     """Candidates that the space refuses; None where nothing restricts it."""
     seconds_estimated: float
     path: Path
+    reflector_moves: Sequence[int]
+    """Shots before which the reflector is moved to another part of the platform."""
+    observations: "ObservationsAnswer | None"
+    """Observations of other kinds; None where campaign.yaml has no objects."""
     programs: Sequence[WrittenProgram] = ()
 
 
@@ -73,7 +96,12 @@ def command(
     --program csv writes the plan as a table of poses and joints, along safe paths, for a controller
     that is not connected.
 
+    --observe plans what other instruments than a tracker measure: touches of a bed, widths of a
+    part. What ten more of each object in campaign.yaml would gain, is compared in any case.
+
     pkmcal plan cell-3 --shots 60
+    pkmcal plan cell-3 --shots 60 --reflector 'half 2'
+    pkmcal plan printer --shots 0 --observe bed=30 --observe part=12 --for xy
     pkmcal plan cell-3 --until 0.02
     pkmcal plan cell-5 --program csv
     """
@@ -82,11 +110,24 @@ def command(
         written = _write_programs(terminal, campaign, programs)
         terminal.conclude(ProgramsAnswer(written), tell_next(terminal, campaign))
         return
+    if options.shots == 0:
+        if programs.program or plot:
+            raise OptionsInvalid(
+                "--shots 0 plans no shots, which --program and --plot are for",
+                remedy="leave them out",
+            )
+        observations = plan_without_shots(campaign, options)
+        plan_text.show_observations(terminal, observations)
+        terminal.say(f"written: {observations.path}")
+        terminal.conclude(observations_answer(observations), tell_next(terminal, campaign))
+        return
     with terminal.telling("reading the campaign") as now_at:
         planned = plan(campaign, options, now_at)
     until_mm = None if options.until is None else read_goal(options.until)
     show(terminal, campaign, planned, until_mm)
     terminal.say(f"written: {campaign.plan_path}")
+    if planned.observations is not None and planned.observations.path is not None:
+        terminal.say(f"written: {planned.observations.path}")
     if plot is not None:
         from app.report.plots import plot_plan  # with matplotlib
 
@@ -110,6 +151,21 @@ def _write_programs(
             f"min; the joints that it commands: {program.joints_path}"
         )
     return written
+
+
+def observations_answer(planned: PlannedObservations) -> ObservationsAnswer:
+    """Return planned observations for programs."""
+    return ObservationsAnswer(
+        counts=Counter(row.object for row in planned.rows),
+        seconds_estimated=planned.seconds,
+        determined=[
+            {**asdict(quantity), "unit": quantity.unit, "is_determined": quantity.is_determined}
+            for quantity in planned.determined
+        ],
+        quantity=planned.quantity,
+        gains=planned.gains,
+        path=planned.path,
+    )
 
 
 def plan_answer(
@@ -148,6 +204,10 @@ def plan_answer(
         space=space,
         seconds_estimated=planned.checked.seconds,
         path=campaign.plan_path,
+        reflector_moves=planned.checked.reflector_moves,
+        observations=None
+        if planned.observations is None
+        else observations_answer(planned.observations),
         programs=programs,
     )
 
@@ -159,6 +219,8 @@ def show(
     detours = planned.checked.detours
     by_detours = f"; {detours} moves take a detour" if detours else ""
     terminal.say(f"{plan_text.plan_line(planned.checked)}{by_detours}")
+    if moves := plan_text.moves_line(planned.checked):
+        terminal.say(moves)
     if planned.refusals is not None:
         for line in plan_text.refusals_lines(campaign.space, planned.refusals):
             terminal.say(line)
@@ -172,3 +234,5 @@ def show(
             WARNING,
         )
     plan_text.show_forecast(terminal, campaign, planned, until_mm)
+    if planned.observations is not None:
+        plan_text.show_observations(terminal, planned.observations)

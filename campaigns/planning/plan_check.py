@@ -14,6 +14,7 @@ together. Step 3 comes last: it takes longest, and needs shots that are right in
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -36,6 +37,8 @@ AGREEMENT_RAD = float(np.radians(0.01))
 """Largest difference between a row's joints and those of its pose: of cranks, or what compares."""
 LIMIT_TOLERANCE_RAD = 1e-9
 """Rounding by which a pose may exceed a limit."""
+REFLECTOR_MOVE_S = 120.0
+"""Time in which an operator moves the reflector to another part of the platform, estimated."""
 FAULTS_NAMED = 5
 """Number of faults that an error lists."""
 
@@ -73,7 +76,12 @@ class CheckedPlan:
     detours: int
     """Number of ways between shots that are not straight because that would not be safe."""
     seconds: float
-    """Duration of the whole plan, estimated."""
+    """Duration of the whole plan, estimated; moves of the reflector included."""
+
+    @property
+    def reflector_moves(self) -> tuple[int, ...]:
+        """Numbers of the shots before which the reflector is moved to another place."""
+        return reflector_moves(self.shots)
 
 
 def check_plan(
@@ -101,7 +109,16 @@ def check_plan(
         paths.faults, remedy="move one of the two poses, or make a new plan with `pkmcal plan DIR`"
     )
     seconds = limits.pace.seconds(len(shots), paths.travel_rad)
+    seconds += REFLECTOR_MOVE_S * len(reflector_moves(shots))
     return CheckedPlan(tuple(shots), paths.detours, seconds)
+
+
+def reflector_moves(shots: Sequence[PlannedShot]) -> tuple[int, ...]:
+    """Return the numbers of the shots before which the reflector is moved to another place."""
+    on_robot = [shot for shot in shots if shot.purpose.on_robot]
+    return tuple(
+        shot.shot for before, shot in pairwise(on_robot) if shot.reflector != before.reflector
+    )
 
 
 def seconds_of_visits(

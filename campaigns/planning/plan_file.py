@@ -83,7 +83,7 @@ def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: Mech
 
     If writing fails the older plan stays in its place. Raise `WriteFailed`.
     """
-    older = _move_aside(path)
+    older = move_aside(path)
     try:
         write_plan(path, shots, mechanism)
     except CampaignError:
@@ -169,15 +169,15 @@ def _is_same_pose(intent: Intent, row: PlannedShot) -> bool:
     return bool(is_near and joints_away.max() <= SAME_POSE_RAD)
 
 
-def _move_aside(path: Path) -> Path | None:
-    """Rename an existing plan to the first free `plan-older-N.csv`; return the new path.
+def move_aside(path: Path) -> Path | None:
+    """Rename an existing file to the first free `NAME-older-N.csv`; return the new path.
 
-    Return None if there is no plan. Raise `WriteFailed`.
+    Return None if there is no file. Raise `WriteFailed`.
     """
     if not path.exists():
         return None
     number = 1
-    while (older := path.with_name(f"plan-older-{number}.csv")).exists():
+    while (older := path.with_name(f"{path.stem}-older-{number}.csv")).exists():
         number += 1
     try:
         return path.rename(older)

@@ -6,17 +6,21 @@
 #    singularities, view of the tracker, every way between two shots.
 # 3. Predict 1 σ of parameters and positions from the plan alone. The prediction assumes the model
 #    that identification will fit by default, and the tracker's data sheet.
-# 4. Write plan.csv; an older plan is renamed. Only this step holds the campaign: making an optimal
+# 4. If campaign.yaml has objects, choose observations of them, and state what all of it together
+#    will determine (`observing.py`).
+# 5. Write plan.csv; an older plan is renamed. Only this step holds the campaign: making an optimal
 #    plan takes long, and other commands need not wait for it.
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from campaigns.campaign import Campaign
 from campaigns.design.pose_sampling import WorkspaceTooSmall
 from campaigns.design.restricted_space import Refusals
+from campaigns.errors import OptionsInvalid
+from campaigns.files.wording import shown, suggestion
 from campaigns.fit.error_model import ErrorModel
 from campaigns.identification.observations import error_model
 from campaigns.identification.options import IdentificationOptions
@@ -27,10 +31,11 @@ from campaigns.planning.forecast import Forecast, forecast, judged_both
 from campaigns.planning.optimal_plan import MOST_SHOTS, OptimalRequest, make_optimal_plan
 from campaigns.planning.plan_check import CheckedPlan, seconds_of_visits
 from campaigns.planning.plan_file import PlannedShot, write_beside_older
-from campaigns.planning.plans import Placement, make_plan, poses_of, with_nests
+from campaigns.planning.plans import Placement, in_turn, make_plan, pairs_of, poses_of, with_nests
 from campaigns.planning.validation_plan import SHORTEST_PART, fitting_lines
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.identification import identification_options
+from campaigns.workflow.observing import PlannedObservations, plan_observations, write_planned
 
 REFUSALS_SAMPLE = 2000
 """Number of poses drawn to find the share that the restricted space refuses."""
@@ -50,6 +55,8 @@ class PlannedCampaign:
         refusals: Shares of poses that the restricted space refuses; None without such a space.
         lines_mm: Lengths of validation lines that would fit, mm, where those in campaign.yaml are
             too long; None where they fit.
+        observations: Observations of other kinds that are planned beside the shots, and what
+            further ones would gain; None where campaign.yaml has no objects.
     """
 
     checked: CheckedPlan
@@ -59,6 +66,7 @@ class PlannedCampaign:
     visits: tuple[PlannedVisits, PlannedVisits]
     refusals: Refusals | None = None
     lines_mm: tuple[float, float, float] | None = None
+    observations: PlannedObservations | None = None
 
 
 def plan(
@@ -90,7 +98,26 @@ def plan(
     with campaign.held():
         shots = planned.checked.shots
         write_beside_older(campaign.plan_path, shots, campaign.robot.mechanism)
+        if planned.observations is not None:
+            write_planned(campaign, planned.observations)
     return planned
+
+
+def plan_without_shots(campaign: Campaign, options: PlanOptions) -> PlannedObservations:
+    """Plan observations of other kinds alone, without a tracker, and write observations.csv.
+
+    Raise `OptionsInvalid`, `PlanInvalid` and `WriteFailed` as `plan` does.
+    """
+    observations, _ = plan_observations(
+        campaign,
+        options.observe,
+        options.quantity,
+        planned_model(campaign, options.fix),
+        _rng_of_observations(campaign, options),
+    )
+    with campaign.held():
+        write_planned(campaign, observations)
+    return observations
 
 
 def planned_model(campaign: Campaign, fix: tuple[str, ...] = ()) -> ErrorModel:
@@ -126,11 +153,25 @@ def _make_and_check(
         shots = make_optimal_plan(robot, campaign.view, request, rng)
     else:
         shots = make_plan(robot, campaign.view, request.plan, rng)
+    shots = _in_turn(campaign, options.reflector, shots)
     checked = campaign.checked_plan(with_nests(shots, config.nests, config.known_lengths), tell)
     tell("predicting the uncertainty that the shots will give")
     judged, turns = judged_both(model, campaign.robot_model, poses_of(shots))
     tracker_mm = np.array(campaign.view.tracker_mm)
     predicted = forecast(shots, model, tracker_mm, campaign.instrument, judged, turns)
+    observations = None
+    if config.objects or options.observe:
+        tell("comparing what observations of other kinds will gain")
+        observations, expected = plan_observations(
+            campaign,
+            options.observe,
+            options.quantity,
+            model,
+            _rng_of_observations(campaign, options),
+            (checked.shots, checked.seconds / len(checked.shots)),
+        )
+        fitted = pairs_of(checked.shots, ShotSet.IDENTIFICATION)
+        predicted = replace(expected.forecast(predicted), shots=fitted.size)
     return PlannedCampaign(
         checked,
         predicted,
@@ -139,14 +180,41 @@ def _make_and_check(
         _visits(campaign, checked.shots, predicted.freedom),
         _refusals(campaign, rng),
         _fitting_lines_mm(campaign),
+        observations,
     )
+
+
+def _rng_of_observations(campaign: Campaign, options: PlanOptions) -> np.random.Generator:
+    """Return the generator of observations: the shots of a seed are those without any."""
+    seed = campaign.config.plan.seed if options.seed is None else options.seed
+    return np.random.default_rng([seed, 1])
+
+
+def _in_turn(
+    campaign: Campaign, names: Sequence[str], shots: tuple[PlannedShot, ...]
+) -> tuple[PlannedShot, ...]:
+    """Return a plan whose pairs are of the reflector where robot.yaml says and at objects in turn.
+
+    Raise `OptionsInvalid` for an object that carries no reflector.
+    """
+    carriers = [thing.name for thing in campaign.config.objects if thing.body is not None]
+    for name in names:
+        if name not in carriers:
+            raise OptionsInvalid(
+                f"--reflector {shown(name)} is no object of campaign.yaml that a body carries",
+                remedy=suggestion(name, carriers)
+                if carriers
+                else "list it under objects, as {name: half 2, body: half 2}",
+            )
+    return in_turn(shots, ("", *names)) if names else shots
 
 
 def _visits(
     campaign: Campaign, shots: Sequence[PlannedShot], fit_freedom: float
 ) -> tuple[PlannedVisits, PlannedVisits]:
     """Return what the plan's visits of the drift pose will show, and what twice as many would."""
-    visits = sum(shot.purpose is ShotSet.DRIFT for shot in shots)
+    # visits of a reflector elsewhere are of another point
+    visits = sum(shot.purpose is ShotSet.DRIFT and not shot.reflector for shot in shots)
     seconds = seconds_of_visits(visits, shots, campaign.robot.kinematics, campaign.pace)
     return planned_visits(visits, fit_freedom), planned_visits(2 * visits, fit_freedom, seconds)
 

@@ -114,7 +114,7 @@ def test_a_command_that_makes_no_sense(pkmcal, arguments, words, tmp_path, monke
     [
         (["validate", "--stage", "befor"], "--stage is 'befor' → use before or after; see"),
         (["plan", "--shots", "abc"], "--shots is 'abc' → give a whole number; see"),
-        (["plan", "--shots", "1"], "--shots is '1' → give 2 or more; see"),
+        (["plan", "--shots=-1"], "--shots is '-1' → give 0 or more; see"),
     ],
 )
 def test_a_value_that_an_option_cannot_take_is_one_plain_line(pkmcal, arguments, line):

@@ -25,7 +25,7 @@ PLAN_KEYS = {
     *("shots", "pairs", "placement", "seed", "until_mm", "predicted_std"),
     *("position_std_mm", "rotation_std_deg"),
     *("weakest", "from_below", "fitting_lines_mm", "space", "seconds_estimated"),
-    *("path", "programs", "repeats"),
+    *("path", "programs", "repeats", "reflector_moves", "observations"),
 }
 
 
