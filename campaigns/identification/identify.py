@@ -522,8 +522,10 @@ class FittedCampaign(StatedValues):
 
     def _tested(self, unseen: UnseenPairs) -> frozenset[str]:
         """Return the quantities that hold-out pairs and held-out observations check."""
-        by_pairs = () if unseen.test is None else ("position", "flat", "xy")
-        return tested_by(self.kinds.held_out) | frozenset(by_pairs)
+        if unseen.test is None:
+            return tested_by(self.kinds.held_out, ())
+        elsewhere = self.nominal.mechanism.halves
+        return tested_by(self.kinds.held_out, elsewhere) | {"position", "flat", "xy"}
 
     # What is reported goes through the forward model once more: along directions that no shot
     # determines positions must not move, however far the datum is from the estimate.

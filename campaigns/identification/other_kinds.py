@@ -4,7 +4,7 @@ Held-out observations are never fitted: their residuals are compared with what t
 the noise allow, χ² = r'(A C A' + V)⁻¹ r.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -386,9 +386,16 @@ def _refuse_too_few(fitted: Iterable[Block], lacking: Mapping[str, int]) -> None
             )
 
 
-def tested_by(blocks: Iterable[Block]) -> frozenset[str]:
-    """Return the quantities that held-out blocks check."""
-    return frozenset(name for block in blocks for name in block.kind.checks)
+def tested_by(blocks: Collection[Block], elsewhere: Collection[int | None]) -> frozenset[str]:
+    """Return the quantities that held-out blocks check.
+
+    `elsewhere` are the other parts of the platform than the one that hold-out pairs are of.
+    """
+    tested = {name for block in blocks for name in block.kind.checks}
+    parts = {part for block in blocks if block.kind.name == "reflector" for part in block.parts}
+    if len(parts) > 1 or parts & {*elsewhere}:
+        tested.add("rotation")
+    return frozenset(tested)
 
 
 # Averaged over sizes, estimates and covariance are of the linear model at the likeliest ones. There

@@ -158,7 +158,7 @@ class _Observed(StatedValues):
         )
 
     def _determined(self, fit: Fit, identified: Kinematics) -> tuple[Determined, ...]:
-        tested = tested_by(self.kinds.held_out)
+        tested = tested_by(self.kinds.held_out, ())
         quantities = [*determined_on_planes(fit, tested)]
         if self.options.workspace is not None:
             joints, poses = identified.select_reachable(self.options.workspace)
@@ -168,7 +168,7 @@ class _Observed(StatedValues):
     def _in_space(
         self, fit: Fit, identified: Kinematics, joints: Array, poses: Array
     ) -> Iterator[Determined]:
-        tested = tested_by(self.kinds.held_out)
+        tested = tested_by(self.kinds.held_out, ())
         robot = fit.model.robot_at(fit.at.x, Observations.unmeasured(joints, poses), poses)
         by = without_frame(robot.by, robot.assembly.points)
         yield determined_by("position", fit, by, is_tested="position" in tested)
@@ -195,6 +195,6 @@ class _Observed(StatedValues):
         yield from change_findings_of_others(fit)
         wanted = options.judged_quantities
         yield from quantity_findings(determined, wanted, options.rotation_deg)
-        if "position" in wanted and "position" not in tested_by(self.kinds.held_out):
+        if "position" in wanted and "position" not in tested_by(self.kinds.held_out, ()):
             says = "no held-out point or probe: nothing shows where the robot is in space"
             yield Finding(findings.NOTHING_UNSEEN, says, "not decided")

@@ -125,7 +125,8 @@ def plan_observations(
         if of_object.wish.count:
             expected, rows = _choose(campaign, expected, number, of_object, quantity, rng)
             chosen += rows
-    expected = replace(expected, tested=_tested(planned, chosen)).judged_where_planned()
+    tested = _tested(campaign, planned, chosen)
+    expected = replace(expected, tested=tested).judged_where_planned()
     numbers = range(SHOTS if planned else SHOTS + 1, len(drawn) + 1)
     gains = [_gain(expected, number, quantity, cell) for number in numbers]
     kinds = {row.kind for row in chosen} | ({"reflector"} if planned else set())
@@ -263,11 +264,15 @@ def _outlook(
     return outlook(model, shots, count, kinds, judged)
 
 
-def _tested(shots: Sequence[PlannedShot], rows: Sequence[ObservationRow]) -> frozenset[str]:
+def _tested(
+    campaign: Campaign, shots: Sequence[PlannedShot], rows: Sequence[ObservationRow]
+) -> frozenset[str]:
     """Return the quantities that planned hold-out shots and observations will check."""
-    tested: set[str] = set()
-    if any(shot.purpose is ShotSet.VALIDATION for shot in shots):
-        tested |= {"position", "flat", "xy"}
+    reflectors = {shot.reflector for shot in shots if shot.purpose is ShotSet.VALIDATION}
+    tested: set[str] = {"position", "flat", "xy"} if reflectors else set()
+    carriers = [thing for thing in objects_of(campaign.config.objects) if thing.name in reflectors]
+    if {thing.part for thing in carriers} & {*campaign.robot.mechanism.halves}:
+        tested.add("rotation")  # as `tested_by`: both parts are seen
     held_out = (row for row in rows if row.purpose is ShotSet.VALIDATION)
     return frozenset(tested.union(*(KINDS[row.kind].checks for row in held_out)))
 

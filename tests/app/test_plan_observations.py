@@ -130,6 +130,9 @@ def test_every_second_pair_is_of_the_reflector_on_the_other_half(par4):
     assert in_turn.checked.seconds > usual.checked.seconds + REFLECTOR_MOVE_S
     assert in_turn.forecast.shots == 30
     assert in_turn.forecast.rotation_std_deg.mean() < 0.5 * usual.forecast.rotation_std_deg.mean()
+    for planned, is_tested in ((alone, False), (in_turn, True)):
+        (rotation,) = (q for q in planned.observations.determined if q.name == "rotation")
+        assert rotation.is_tested is is_tested
     names = [gain.name for gain in in_turn.observations.gains]
     assert sorted(names) == ["half 2", "shots"]
 

@@ -204,3 +204,18 @@ def test_an_object_states_values_with_their_uncertainty_alone():
     assert replace(plate, on="table").stated("seat") == (place, (0.1,) * 3)
     with pytest.raises(OptionsInvalid, match=r"bar: length .* with a 1 σ of None"):
         Object("bar", length_mm=400.0).stated("length")
+
+
+def test_held_out_points_of_both_halves_test_the_rotation_and_those_of_one_do_not():
+    cell = TrueCell.of("par4-prototype", 5)
+    poses = sample_workspace(cell.robot, 100, seed=5)
+    shots = cell.shots(np.concatenate([poses[:30], poses[-20:]]), 10)
+    fitted = cell.measure("reflector", OTHER_HALF, poses[30:60], 0.01)
+    held_out = cell.measure("reflector", OTHER_HALF, poses[60:80], 0.01)
+    unseen = replace(held_out, held_out=True)
+    asked = {"quantities": ("position,rotation",)}
+    for observed, is_tested in (([fitted], False), ([fitted, unseen], True)):
+        result = identify(shots, cell.robot, observations=observed, options=asked)
+        (rotation,) = (q for q in result.uncertainty.determined if q.name == "rotation")
+        assert (rotation.is_determined, rotation.is_tested) == (True, is_tested)
+        assert ("not-tested" in result.judgement.obstacles) is not is_tested
