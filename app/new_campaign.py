@@ -77,7 +77,7 @@ class NewOptions:
     Raise `OptionsInvalid` for options that contradict each other.
 
     Attributes:
-        robot: Name of a shipped robot, or the path of a robot file.
+        robot: Name of a shipped robot, or the path of a robot file or a printer.cfg.
         scenario: The simulated cell: a shipped scenario or a cell file; None: the default.
         controller, tracker: Addresses of the devices, `tcp://HOST:PORT`; None: simulated.
         offline: Whether no device is connected.
@@ -89,7 +89,7 @@ class NewOptions:
     robot: Annotated[
         str,
         Option(
-            "The nominal robot: a shipped one, or a robot file.",
+            "The nominal robot: a shipped one, a robot file, or a Delta printer's printer.cfg.",
             metavar="NAME",
             words=shipped_robots,
         ),

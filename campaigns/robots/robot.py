@@ -38,6 +38,7 @@ from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import Parameters, stated_rates
 from campaigns.kinematics.transmission import STEEPEST_ERROR
 from campaigns.robots.program import PYTHON, find_mechanism
+from campaigns.robots.printer_config import PRINTER, PrinterConfig
 from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.schema import SCHEMA, RobotContents, Tolerance, contents_model
 from drivers.bounded_files import is_there
@@ -201,7 +202,8 @@ def read_robot(path: Path) -> RobotDocument:
 def find_robot(name_or_path: str) -> RobotDocument:
     """Read a shipped robot by its name, or a file; raise `ConfigInvalid`.
 
-    For a mechanism in a Python file, `my.py:OWN`, return typical values: those of a shipped robot.
+    Of a printer.cfg return the Delta printer of its nominal sizes. For a mechanism in a Python
+    file, `my.py:OWN`, return typical values: those of a shipped robot.
     """
     # the shipped names come first: a file of such a name can still be given as ./NAME
     shipped = shipped_robots()
@@ -210,6 +212,8 @@ def find_robot(name_or_path: str) -> RobotDocument:
         return parse_robot(text, f"{name_or_path}.yaml")
     if name_or_path.rpartition(":")[0].endswith(PYTHON):
         return _find_typical(name_or_path)
+    if name_or_path.endswith(PRINTER):
+        return parse_robot(PrinterConfig.read(Path(name_or_path)).robot_text, name_or_path)
     if is_there(Path(name_or_path)):
         return read_robot(Path(name_or_path))
     nearest = nearest_word(name_or_path, shipped)
