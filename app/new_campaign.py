@@ -17,6 +17,7 @@ from campaigns.kinematics.implicit import ImplicitMechanism
 from campaigns.kinematics.parameters import Role
 from campaigns.planning.validation_plan import fitting_lines
 from campaigns.robots.program import PYTHON, Program, trust
+from campaigns.robots.printer_config import PRINTER
 from campaigns.robots.robot import (
     RobotDocument,
     RobotFile,
@@ -28,6 +29,7 @@ from campaigns.robots.robot import (
 from campaigns.settings.config import CampaignConfig, new_config, write_new_campaign
 from campaigns.settings.option import Option
 from campaigns.settings.sections import OFFLINE, SIMULATED, ValidationConfig
+from campaigns.shots.printer_observations import BED, PART, SHRINKAGE_STD_PERCENT
 from drivers.bounded_files import is_there
 from drivers.catalog import CONTROLLERS, TRACKERS, driver_of_address
 from drivers.texts import printable
@@ -245,10 +247,19 @@ def create_for_devices(
             | {"reflector": DEFAULT_REFLECTOR},
             "acceptance": dict(limits),
             **_validation(nominal.robot),
+            **_objects(nominal),
         }
     )
     write_new_campaign(folder, config, nominal)
     return config
+
+
+def _objects(nominal: RobotDocument) -> dict[str, object]:
+    """Return the objects that a printer's firmware measures, if the robot is made of its file."""
+    if not nominal.document.name.endswith(PRINTER):
+        return {}
+    part = {"name": PART, "shrinkage_std_percent": SHRINKAGE_STD_PERCENT}
+    return {"objects": [{"name": BED}, part]}
 
 
 def create_simulated(

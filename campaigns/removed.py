@@ -43,7 +43,7 @@ INSTEAD: Mapping[str, str] = {
     "--format linuxcnc-rotarydelta": "use --format linuxcnc with pkmkins, which loses nothing",
     "--format linuxcnc-lineardelta": "use --format linuxcnc with pkmkins, which loses nothing",
     "--format klipper-rotary-delta": "export a robot file; examples/klipper.py converts it",
-    "--format klipper-delta": "export a robot file; examples/klipper.py converts it",
+    "--format klipper-delta": "use --format klipper",
     "--format urdf": "export a robot file; examples/urdf.py converts it",
     "--format sdf": "export a robot file; examples/urdf.py converts it to URDF",
     "import --check-frame": "use `pkmcal import`: it names swapped joints, units, signs and "

@@ -2,6 +2,9 @@
 
     python klipper.py robot-compensated.yaml > delta.cfg
 
+For printers `pkmcal export DIR --format klipper` does it, level to the bed; this is for robot files
+without a campaign, and for Deltas with cranks.
+
 Klipper knows fewer parameters: its values are those that leave the least mean square error of
 position over the workspace, its frame being wherever it fits best. Switches are taken to be at the
 end of the joints' range where arms or carriages are highest, z = 0 at the lowest pose.

@@ -11,9 +11,10 @@ from app.console import Terminal
 from app.next import tell_next
 from app.options import Force
 from campaigns.campaign import Campaign
+from campaigns.controllers.delta_firmware import FIRMWARE
 from campaigns.workflow import exporting
 
-Format = Literal["yaml", "linuxcnc", "plain", "shots"]
+Format = Literal["yaml", "linuxcnc", "plain", "klipper", "marlin", "reprap", "shots"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,8 @@ def command(
             "--format",
             metavar="FORMAT",
             help="yaml: a robot file. linuxcnc: a HAL file for pkmkins. plain: a robot file "
-            "without tilts, skews and gears, with the nearest values. shots: the measured shots.",
+            "without tilts, skews and gears, with the nearest values. klipper, marlin, reprap: for "
+            "the firmware of a Delta printer. shots: the measured shots.",
         ),
     ] = "yaml",
     force: Force = False,
@@ -57,9 +59,10 @@ def command(
     of the geometry. Only an identification with the verdict "pass" is written. The file can be the
     nominal robot of a later campaign.
 
-    For a controller with fewer parameters (plain) it contains the values that minimise the mean
-    square error of position over the workspace, and the remaining error is shown beside that of all
-    parameters.
+    For a controller with fewer parameters (plain, and the firmware of printers) it contains the
+    values that minimise the mean square error of position over the workspace, and the remaining
+    error is shown beside that of all parameters. z = 0 of a printer is its bed, if heights of it
+    were imported. Marlin and RepRapFirmware (reprap) get M665 and M666, whose signs differ.
     """
     left_mm = None
     if format_ == "shots":  # what was measured, not what was identified
@@ -69,6 +72,10 @@ def command(
     elif format_ == "plain":
         plain = exporting.export_plain(campaign, to, overwrite=force)
         path, left_mm = plain.path, _show_remaining_errors(terminal, plain)
+    elif format_ in FIRMWARE:
+        printer = exporting.export_firmware(campaign, format_, to, overwrite=force)
+        path, left_mm = printer.path, _show_remaining_errors(terminal, printer)
+        _show_bed(terminal, printer)
     elif format_ == "linuxcnc":
         path = exporting.export_hal(campaign, to, overwrite=force)
     else:
@@ -78,6 +85,17 @@ def command(
     terminal.say(f"written: {path}")
     answer = ExportAnswer(path) if left_mm is None else PlainExportAnswer(path, left_mm)
     terminal.conclude(answer, tell_next(terminal, campaign))
+
+
+def _show_bed(terminal: Terminal, printer: exporting.FirmwareExport) -> None:
+    """Say what z = 0 is, and how far the bed leans."""
+    if printer.bed is None:
+        terminal.note("z = 0 is that of the base frame: no heights of a bed were imported")
+        return
+    terminal.note(
+        f"z = 0 is the bed, which leans by {printer.bed.tilt_mrad:.1f} mrad to the towers; prints "
+        "are sheared by as much"
+    )
 
 
 def _show_remaining_errors(

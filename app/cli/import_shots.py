@@ -17,12 +17,14 @@ from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import CoordinatesAmbiguous, OptionsInvalid
 from campaigns.evidence import evaluate
 from campaigns.options import ValidationStage
+from campaigns.robots.printer_config import PRINTER, PrinterConfig
 from campaigns.shots.import_export import ImportedFile
 from campaigns.shots.joined_shots import Join, holds_joints, join_shots
 from campaigns.shots.observations_csv import holds_observations, read_observations
 from campaigns.shots.point_files import PointFile, read_points
 from campaigns.shots.point_layout import PointFormat
 from campaigns.shots.point_words import MM_PER_UNIT, Coordinates, DecimalSign, LengthUnit
+from campaigns.shots.printer_observations import printer_observations
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, in_unit, read_shots
 from campaigns.workflow.importing import (
@@ -56,7 +58,9 @@ def command(
     file: Annotated[
         Path | None,
         typer.Argument(
-            metavar="FILE", help="A shots.csv, points or an observations.csv.", show_default=False
+            metavar="FILE",
+            help="A shots.csv, points, an observations.csv or a printer.cfg.",
+            show_default=False,
         ),
     ] = None,
     *,
@@ -157,10 +161,15 @@ def command(
     x_mm, y_mm, z_mm and what else the kind measures), std_mm, pair and set. Objects stand under
     objects in campaign.yaml. `pkmcal identify` uses them with the shots, or alone.
 
+    The printer.cfg of a Delta printer with Klipper holds such observations too: the heights of the
+    bed that DELTA_CALIBRATE saved, and the distances of DELTA_ANALYZE. The campaign is made from
+    the same file, with its objects bed and part: pkmcal new DIR --offline --robot printer.cfg
+
     The journal keeps the files' names and sha256, and the report shows them.
 
     pkmcal import cell-5 shots.csv
     pkmcal import cell-5 observations.csv
+    pkmcal import cell-5 printer.cfg
     pkmcal import cell-5 points.txt --unit mm
     pkmcal import cell-5 points.txt --stage before
     """
@@ -181,7 +190,7 @@ def command(
         decimal=decimal,
         encoding=encoding,
     )
-    if form is None and holds_observations(file):
+    if form is None and (file.suffix == PRINTER or holds_observations(file)):
         if stage or joints or turns or of_points != PointFormat():
             raise OptionsInvalid(
                 f"{file}: options of shots and points are not for observations (column kind)",
@@ -244,7 +253,10 @@ def _import_observations(
 ) -> None:
     """Import observations of other kinds than points, and report what is next."""
     names = [item.name for item in campaign.config.objects]
-    rows = read_observations(file, campaign.robot.mechanism, names)
+    if file.suffix == PRINTER:
+        rows = printer_observations(PrinterConfig.read(file))
+    else:
+        rows = read_observations(file, campaign.robot.mechanism, names)
     objection = None if force else replaced_observations(campaign, file.name)
     force = force or bool(
         objection and terminal.asks(f"{objection.problem}. Import it in their place?")

@@ -10,8 +10,11 @@ from app.next import tell_next
 from app.options import NewFolder, ask_reflector
 from campaigns.campaign import open_campaign
 from campaigns.files.text_file import refuse_existing
+from campaigns.next_step import NextStep
+from campaigns.robots.printer_config import PRINTER
 from campaigns.robots.robot import find_robot, states_reflector
 from campaigns.settings.sections import OFFLINE
+from drivers.texts import quoted
 
 LIMITS = {
     "distance_mean_mm": "mean error of distances",
@@ -46,9 +49,13 @@ def command(terminal: Terminal, folder: NewFolder, options: NewOptions) -> None:
     With --offline no device is ever connected: the robot's own controller and the tracker's own
     software measure, and `pkmcal import` reads their files.
 
+    The robot may be a Delta printer's printer.cfg: `pkmcal import` then reads what its firmware
+    measured.
+
     pkmcal new first-try
     pkmcal new cell-3 --controller tcp://10.0.0.5:5020 --tracker tcp://10.0.0.6:700
     pkmcal new cell-5 --offline
+    pkmcal new kossel --offline --robot printer.cfg
     """
     trust_typed(options.robot)
     limits: dict[str, float] = {}
@@ -60,7 +67,18 @@ def command(terminal: Terminal, folder: NewFolder, options: NewOptions) -> None:
     answer = NewAnswer(folder, config.controller.url, config.tracker.url)
     devices = OFFLINE if options.offline else f"with {answer.controller} and {answer.tracker}"
     terminal.say(f"made: {folder}, {devices}")
-    terminal.conclude(answer, tell_next(terminal, open_campaign(folder)))
+    terminal.conclude(answer, _next(terminal, folder, options))
+
+
+def _next(terminal: Terminal, folder: Path, options: NewOptions) -> NextStep | None:
+    """Print and return what is next: of a printer without devices, what its file holds."""
+    if not (options.offline and options.robot.endswith(PRINTER)):
+        return tell_next(terminal, open_campaign(folder))
+    text = f"pkmcal import {quoted(str(folder))} {quoted(options.robot)}"
+    step = NextStep(text, why="the file holds what DELTA_CALIBRATE measured")
+    for line in step.lines:
+        terminal.note(line)
+    return step
 
 
 def ask_limits(terminal: Terminal, folder: Path) -> dict[str, float]:

@@ -4,9 +4,11 @@
 # and still fits the nominal robot and the settings, build the file's text, and only then write it
 # within `recorded`, which notes in the journal what was written. The forms differ in the
 # parameters: all (`export`), all as LinuxCNC's pins (`export_hal`), or the nearest plain set
-# (`export_plain`), whose loss is stated in the file, in the journal and on the screen.
+# (`export_plain`) or values of a printer's firmware (`export_firmware`), whose loss is stated in
+# the file, in the journal and on the screen.
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -16,6 +18,13 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.campaign import Campaign
 from campaigns.controllers import linuxcnc_export
+from campaigns.controllers.delta_firmware import (
+    Bed,
+    FirmwareWord,
+    Touches,
+    firmware_text,
+    project_firmware,
+)
 from campaigns.controllers.export import (
     FILE_NAME,
     PLAIN,
@@ -39,9 +48,25 @@ from campaigns.robots.reduced_form import FORM, ReducedForm, form_of
 from campaigns.robots.robot import RobotDocument, RobotFile, compensated
 from campaigns.shots.import_export import ImportedFile, exported_shots
 from campaigns.shots.observation_records import recorded_observations
+from campaigns.shots.observations_csv import ObservationRow
 from campaigns.shots.shots_csv import write_shots
+from campaigns.version import VERSION
 
 SHOTS_FILE = "shots.csv"
+FIRMWARE_FILES: Mapping[FirmwareWord, str] = {
+    "klipper": "klipper.cfg", "marlin": "marlin.gcode", "reprap": "reprap.gcode",
+}  # fmt: skip
+FIRMWARE_NOTES: Mapping[FirmwareWord, Sequence[str]] = {
+    "klipper": (
+        "Put these into printer.cfg, and delete the same keys from its block of SAVE_CONFIG, which",
+        "take precedence: delta_radius, arm_length, angle, position_endstop.",
+    ),
+    "marlin": ("Send these, then M500.",),
+    "reprap": ("Put these into config.g; config-override.g, if there is one, takes precedence.",),
+}
+"""What has to be done with each file."""
+FEWEST_ON_PLANE = 3
+"""Number of touches that place a bed."""
 
 
 def identified_robot(campaign: Campaign) -> RobotDocument:
@@ -144,6 +169,56 @@ def export_plain(
     return PlainExport(path, form, nominal, std)
 
 
+@dataclass(frozen=True, slots=True)
+class FirmwareExport(PlainExport):
+    """Written values of a printer's firmware."""
+
+    bed: Bed | None
+    """Bed that they are level to; None: no heights were observed."""
+
+
+def export_firmware(
+    campaign: Campaign, firmware: FirmwareWord, to: Path | None = None, *, overwrite: bool = False
+) -> FirmwareExport:
+    """Write the values of a Delta printer's firmware that come nearest to what was identified.
+
+    Where heights of a bed were observed, z = 0 is that bed. Raise `ShotsMissing` or `VerdictBad`
+    without an identification that passed, `IdentificationRefused` for a robot that is no linear
+    Delta, `OutputExists` or `WriteFailed`.
+    """
+    robot, poses = identified_robot(campaign).robot, _workspace(campaign)
+    with campaign.journal_reader() as journal:
+        std = latest_identification(journal).uncertainty.position_std_mm
+        touches = _touches_of_bed(recorded_observations(journal).rows)
+    switch_mm = robot.limits.joint_range[1]
+    made = project_firmware(robot.kinematics, poses, switch_mm, touches)
+    form = _form_of_errors(robot, made.errors_mm, firmware)
+    origin = "of the base frame" if touches is None else "the bed, by the heights observed"
+    notes = [
+        f"{firmware}: values of {campaign.robot_identity}, written by pkmcal {VERSION}",
+        f"identified sha256: {robot.digest()}",
+        f"a form of the identified parameters, {form.loses}",
+        f"z = 0 is {origin}; end stops at a reading of {switch_mm:g} mm",
+        *FIRMWARE_NOTES[firmware],
+    ]
+    path = to or campaign.path(FIRMWARE_FILES[firmware])
+    with recorded(campaign, path, made.kinematics.parameters, form=form):
+        text = firmware_text(firmware, made.values, notes)
+        write_text_unless_there(path, text, overwrite=overwrite)
+    return FirmwareExport(path, form, _form(campaign.robot.kinematics, robot, poses), std, made.bed)
+
+
+def _touches_of_bed(rows: Sequence[ObservationRow]) -> Touches | None:
+    """Return the touches of the bed that was touched most; None without enough of them."""
+    heights = [row for row in rows if row.kind == "height"]
+    counts = Counter(row.object for row in heights)
+    touched = [row for row in heights if row.object == max(counts, key=lambda name: counts[name])]
+    if len(touched) < FEWEST_ON_PLANE:
+        return None
+    joints = np.array([row.joints[0] for row in touched])
+    return Touches(joints, np.array([row.values[0] for row in touched]))
+
+
 def plain_form(campaign: Campaign, robot: RobotFile) -> tuple[Kinematics, ReducedForm]:
     """Return the model of the nearest plain parameters, and their loss over the workspace.
 
@@ -157,13 +232,17 @@ def plain_form(campaign: Campaign, robot: RobotFile) -> tuple[Kinematics, Reduce
 
 def _form(controller: Kinematics, robot: RobotFile, poses: Array) -> ReducedForm:
     """Return a controller's model as a form of a robot's set, with its errors at poses (N, t)."""
-    sizes_mm = position_errors(controller, robot.kinematics, poses)
+    return _form_of_errors(robot, position_errors(controller, robot.kinematics, poses), PLAIN)
+
+
+def _form_of_errors(robot: RobotFile, sizes_mm: Array, name: str) -> ReducedForm:
+    """Return a named form of a robot's set, by the sizes (M,) of its position errors."""
     return ReducedForm(
         of=robot.digest(),
         lost_mean_mm=float(sizes_mm.mean()),
         lost_max_mm=float(sizes_mm.max()),
         lost_rms_mm=float(np.sqrt(np.mean(sizes_mm**2))),
-        name=PLAIN,
+        name=name,
     )
 
 
