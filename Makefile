@@ -6,7 +6,7 @@
 #   make long    tests that take many seconds each: runs killed at every record, faults, odd files
 #   make peers   tests with real peers: a controller, other people's clients, a browser
 #   make lint    style, format, types and layers
-#   make bench   how long users wait, a real robot, and how large the house is
+#   make bench   how long users wait, real robots, and how large the house is
 #   make pictures  the pictures of docs/, drawn anew; needs chromium
 #   make reference  docs/reference/commands.md and the tables of keys, from the code
 #   make torture the tests by garbage, kills, signals and faults with larger numbers; takes hours
@@ -69,6 +69,9 @@ pictures: $(VENV)/installed-dev
 bench: $(VENV)/installed-dev
 	$(BIN)/python -m benchmarks.timings
 	$(BIN)/python -m benchmarks.real ur10
+	$(BIN)/python -m benchmarks.real ur10-poses
+	$(BIN)/python -m benchmarks.real printer
+	$(BIN)/python -m benchmarks.real callipers
 	$(BIN)/python -m benchmarks.size
 
 # One after the other: what has to come in time needs the processors for itself.

@@ -476,7 +476,9 @@ def kind_findings(
         if test.p < HOLD_OUT_LEVEL:
             decision = "not decided"
             says += f": σ of {' and '.join(test.checks)} is multiplied by {test.applied_ratio:.2g}"
-        yield Finding(UNSEEN_ROWS, says, decision, {"p": test.p, "count": float(test.count)})
+        figures: dict[str, float | str] = {"p": test.p, "count": float(test.count)}
+        figures |= {"rms_mm": test.rms_mm, "stated_mm": test.stated_mm}
+        yield Finding(UNSEEN_ROWS, says, decision, figures)
     for block in untested:
         says = (
             f"not tested: {len(block)} {block.kind.plural} of {block.name} were held out, and "
