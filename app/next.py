@@ -37,6 +37,11 @@ def tell_next(
     except CampaignError:
         # evidence that cannot be read must not turn a command that has succeeded into a failure
         return None
-    for line in step.lines if step else ():
+    return step and tell_step(terminal, step)
+
+
+def tell_step(terminal: Terminal, step: NextStep) -> NextStep:
+    """Print a next command, and return it."""
+    for line in step.lines:
         terminal.note(line)
     return step

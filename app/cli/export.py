@@ -12,6 +12,7 @@ from app.next import tell_next
 from app.options import Force
 from campaigns.campaign import Campaign
 from campaigns.controllers.delta_firmware import FIRMWARE
+from campaigns.kinematics.catalog import LINEAR_DELTA
 from campaigns.workflow import exporting
 
 Format = Literal["yaml", "linuxcnc", "plain", "klipper", "marlin", "reprap", "shots"]
@@ -82,8 +83,14 @@ def command(
         path, robot = exporting.export(campaign, to, overwrite=force)
         if robot.remark:
             terminal.note(robot.remark)
+        if robot.mechanism.name == LINEAR_DELTA.name:
+            terminal.note(f"for a printer's firmware: --format {', '.join(FIRMWARE)}")
     terminal.say(f"written: {path}")
     answer = ExportAnswer(path) if left_mm is None else PlainExportAnswer(path, left_mm)
+    if format_ in FIRMWARE:  # people put it into the printer, and its file says how
+        terminal.note("next: its first lines say where the values go; then measure again")
+        terminal.conclude(answer, None)
+        return
     terminal.conclude(answer, tell_next(terminal, campaign))
 
 

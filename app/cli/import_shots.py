@@ -10,17 +10,18 @@ from typing import Annotated, Literal, cast, get_args
 import typer
 
 from app.console import Terminal
-from app.next import tell_next
+from app.next import tell_next, tell_step
 from app.options import Folder, Turns, ask_turns, folder_and_file
 from app.report.terminal_text import show_validation
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import CoordinatesAmbiguous, OptionsInvalid
 from campaigns.evidence import evaluate
+from campaigns.next_step import NextStep
 from campaigns.options import ValidationStage
 from campaigns.robots.printer_config import PRINTER, PrinterConfig
 from campaigns.shots.import_export import ImportedFile
 from campaigns.shots.joined_shots import Join, holds_joints, join_shots
-from campaigns.shots.observations_csv import holds_observations, read_observations
+from campaigns.shots.observations_csv import ObservationRow, holds_observations, read_observations
 from campaigns.shots.point_files import PointFile, read_points
 from campaigns.shots.point_layout import PointFormat
 from campaigns.shots.point_words import MM_PER_UNIT, Coordinates, DecimalSign, LengthUnit
@@ -38,6 +39,7 @@ from campaigns.workflow.importing import (
 )
 from campaigns.workflow.programs import joints_path
 from drivers.bounded_files import Encoding, is_there
+from drivers.texts import quoted
 
 Form = Literal["shots", "ascii"]
 
@@ -268,7 +270,20 @@ def _import_observations(
     counts = Counter((row.kind, row.object) for row in rows)
     listed = ", ".join(f"{count} of {of} ({kind})" for (kind, of), count in counts.items())
     terminal.say(f"imported: {len(rows)} observations: {listed}")
-    terminal.conclude(ImportAnswer(0, len(rows)), tell_next(terminal, campaign))
+    following = (
+        tell_next(terminal, campaign)
+        if file.suffix != PRINTER
+        else _judge_bed(terminal, campaign, rows)
+    )
+    terminal.conclude(ImportAnswer(0, len(rows)), following)
+
+
+def _judge_bed(terminal: Terminal, campaign: Campaign, rows: Sequence[ObservationRow]) -> NextStep:
+    """Print and return the identification that judges what a printer's firmware measured."""
+    kinds = {row.kind for row in rows if row.purpose is ShotSet.VALIDATION}
+    asked = [name for kind, name in (("height", "flat"), ("distance", "xy")) if kind in kinds]
+    wanted = f" --for {','.join(asked)}" if asked else ""
+    return tell_step(terminal, NextStep(f"pkmcal identify {quoted(str(campaign.folder))}{wanted}"))
 
 
 def _read_asking(terminal: Terminal, file: Path, form: PointFormat) -> PointFile:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.console import Terminal
 from app.new_campaign import NewOptions, create_campaign, trust_typed
-from app.next import tell_next
+from app.next import tell_next, tell_step
 from app.options import NewFolder, ask_reflector
 from campaigns.campaign import open_campaign
 from campaigns.files.text_file import refuse_existing
@@ -75,10 +75,7 @@ def _next(terminal: Terminal, folder: Path, options: NewOptions) -> NextStep | N
     if not (options.offline and options.robot.endswith(PRINTER)):
         return tell_next(terminal, open_campaign(folder))
     text = f"pkmcal import {quoted(str(folder))} {quoted(options.robot)}"
-    step = NextStep(text, why="the file holds what DELTA_CALIBRATE measured")
-    for line in step.lines:
-        terminal.note(line)
-    return step
+    return tell_step(terminal, NextStep(text, why="the file holds what DELTA_CALIBRATE measured"))
 
 
 def ask_limits(terminal: Terminal, folder: Path) -> dict[str, float]:

@@ -77,6 +77,7 @@ def test_a_first_layer_is_level_by_the_values_of_four_commands(pkmcal, drawn, fi
     imported = pkmcal("import", folder, file)
     assert imported.code == 0
     assert "37 of bed (height)" in imported.out
+    assert f"next: pkmcal identify {folder} --for flat" in imported.err
     identified = pkmcal("identify", folder, "--for", "flat")
     assert (identified.code, "verdict: pass" in identified.out) == (0, True)
     exported = pkmcal("export", folder, "--format", "klipper")
