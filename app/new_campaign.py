@@ -337,6 +337,7 @@ def create_on_cell(
             ],
             **({"acceptance": cell.acceptance.model_dump()} if choice.with_limits else {}),
             **_validation(nominal.robot),
+            **_objects(nominal),
         }
     )
     # 4. the files; campaign.yaml comes last, because it makes the folder a campaign

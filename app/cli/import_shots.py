@@ -256,7 +256,7 @@ def _import_observations(
     """Import observations of other kinds than points, and report what is next."""
     names = [item.name for item in campaign.config.objects]
     if file.suffix == PRINTER:
-        rows = printer_observations(PrinterConfig.read(file))
+        rows = printer_observations(PrinterConfig.read(file), campaign.robot.kinematics)
     else:
         rows = read_observations(file, campaign.robot.mechanism, names)
     objection = None if force else replaced_observations(campaign, file.name)
