@@ -50,7 +50,8 @@ def find_robot(name: str | Path) -> RobotFile:
 
     Args:
         name: `par4-prototype`, `par4-table1`, `h4`, `i4r`, `i4l`, `delta`, `linear-delta`,
-            `hexapod`, `hexaglide`, `five-bar`, or the path of a robot file.
+            `hexapod`, `hexaglide`, `five-bar`, or the path of a robot file or of a Delta printer's
+            `printer.cfg`.
 
     Returns:
         The robot: `kinematics`, `parameters`, `limits`, `mechanism`, `workspace_centre`.

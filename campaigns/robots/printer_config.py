@@ -65,6 +65,8 @@ class SavedValue:
     joints_mm: tuple[tuple[float, ...], ...]
     """Readings of the carriages at each of its one or two places, 0 at their end stops."""
     value_mm: float
+    line: int
+    """Line of its value in the file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,6 +176,7 @@ class _Keys:
 
     parser: configparser.RawConfigParser
     where: str
+    lines: tuple[str, ...]
 
     # Klipper's files: `key: value` or `key = value`, comments by #, texts of macros indented.
     @classmethod
@@ -196,7 +199,12 @@ class _Keys:
                 f"{where}: no configuration of Klipper: {first}",
                 remedy="give the printer's printer.cfg",
             ) from error
-        return cls(parser, where)
+        return cls(parser, where, tuple(lines))
+
+    def line_of(self, key: str) -> int:
+        """Return the last line that states a key, from 1."""
+        stated = re.compile(rf"(?:{re.escape(SAVED)})?\s*{key}\s*[:=]", re.IGNORECASE)
+        return max(n for n, line in enumerate(self.lines, start=1) if stated.match(line))
 
     def has(self, section: str, key: str) -> bool:
         """Return whether the file states a key."""
@@ -312,4 +320,5 @@ def _saved(keys: _Keys, mm_per_step: Sequence[float]) -> Iterator[SavedValue]:
         kind, number = KINDS[KINDS.index(match[1])], int(match[2])
         ends = ("_pos1", "_pos2") if kind == "distance" else ("_pos",)
         places = tuple(readings(f"{match[0]}{end}") for end in ends)
-        yield SavedValue(kind, number, places, keys.number(CALIBRATED, match[0]))
+        value_mm = keys.number(CALIBRATED, match[0])
+        yield SavedValue(kind, number, places, value_mm, keys.line_of(match[0]))

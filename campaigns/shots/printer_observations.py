@@ -10,7 +10,7 @@ import numpy as np
 
 from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.kinematics.model import Kinematics
-from campaigns.robots.printer_config import PrinterConfig, SavedKind
+from campaigns.robots.printer_config import PRINTER, PrinterConfig, SavedKind
 from campaigns.shots.observations_csv import ObservationRow
 from campaigns.shots.shot_sets import ShotSet
 
@@ -77,4 +77,6 @@ def _rows(printer: PrinterConfig) -> Iterator[ObservationRow]:
             std_mm=STD_MM[saved.kind],
             purpose=ShotSet.VALIDATION if held_out else ShotSet.IDENTIFICATION,
             pair=str(saved.number) if is_distance else "",
+            line=saved.line,
+            file=f"{printer.name}{PRINTER}",
         )

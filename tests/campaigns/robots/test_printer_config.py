@@ -85,6 +85,10 @@ def test_heights_and_distances_come_in_the_order_of_their_numbers():
     assert saved[0].joints_mm[0][:2] == (-12.5, -25.0)
     assert len(saved[-1].joints_mm) == 2
     assert saved[-1].value_mm == 64.9
+    lines = FILE.splitlines()
+    assert [lines[value.line - 1] for value in saved[:2]] == [
+        "#*# height0 = 0.25", "#*# height2 = 0.5",
+    ]  # fmt: skip
 
 
 def test_a_carriage_so_many_steps_below_its_end_stop_has_the_nozzle_where_the_firmware_has_it(
