@@ -183,9 +183,8 @@ class _Keys:
     def of(cls, text: str, where: str) -> Self:
         """Parse a file with the block that SAVE_CONFIG appended; raise `ConfigInvalid`."""
         parser = configparser.RawConfigParser(
-            strict=False, allow_no_value=True, inline_comment_prefixes=("#", ";"),
-            default_section="",
-        )  # fmt: skip
+            strict=False, inline_comment_prefixes=("#", ";"), default_section=""
+        )
         lines = text.splitlines()
         saved = [line[len(SAVED) :].removeprefix(" ") for line in lines if line.startswith(SAVED)]
         while saved and not saved[0].startswith("["):  # its heading is for people

@@ -133,6 +133,7 @@ def test_a_file_of_old_with_the_distance_of_a_step_is_read():
         ("4,5,6", "4,5", "height10_pos holds 2 numbers"),
         ("#*# height2_pos = 1,2,3\n", "", "height2_pos is missing"),
         ("[mcu]", "serial", "no configuration of Klipper"),
+        ("serial: /dev/ttyUSB0", "serial\n  and more", "no configuration of Klipper"),
     ],
 )  # fmt: skip
 def test_a_file_that_says_something_else_is_refused_with_its_key(old, new, says):
