@@ -43,7 +43,15 @@ EXPORTS = (
         f"--format {form}"
         for form in (
             *("yaml", "plain", "linuxcnc", "linuxcnc-rotarydelta", "linuxcnc-lineardelta"),
-            *("klipper-rotary-delta", "klipper-delta", "urdf", "sdf"),
+            *(
+                "klipper-rotary-delta",
+                "klipper-delta",
+                "urdf",
+                "sdf",
+                "klipper",
+                "marlin",
+                "reprap",
+            ),
         )
     ),
     *(f"--joint-table {form}" for form in ("csv", "linuxcnc", "twincat")),

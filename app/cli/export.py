@@ -27,7 +27,7 @@ class ExportAnswer:
 
 @dataclass(frozen=True, slots=True)
 class PlainExportAnswer(ExportAnswer):
-    """Answer of `export --format plain`: remaining error of position, by set of parameters."""
+    """Answer of `export` for fewer parameters: remaining error of position, by set of them."""
 
     left_mm: Mapping[str, Mapping[str, float]]
 
