@@ -30,11 +30,11 @@ from sim import factory
 from sim.errors import AssemblyLost, ScenarioInvalid, SimError
 from sim.faults import FaultScript
 from sim.geometry import Array, Kind, geometry_of, problem_with
-from sim.random_streams import Attempts, Purpose, WorkedTime
+from sim.random_streams import Attempts, Purpose, WorkedTime, generator
 from sim.robot.assembly import Assembly, OutOfReach, assemble, follow, joints_for, restore
 from sim.robot.bars import EquationsOf, FreeMechanism, free_mechanism
 from sim.robot.controller import SimulatedController
-from sim.robot.driven_robot import DrivenRobot, Standing
+from sim.robot.driven_robot import DrivenRobot, SeenReflector, Standing
 from sim.robot.rods import Growth, Mechanism, RodMechanism
 from sim.robot.transmission import Transmission
 from sim.scenarios.schema import Scenario
@@ -48,6 +48,17 @@ NEST_PREFIX = "nest "
 """Before the names of nests, so that none is called as another target."""
 REMEMBERED_WITHIN_MM = 0.1
 """Distance of the plate beyond what the arms can have grown since the robot came to rest."""
+
+
+class Carried(BaseModel):
+    """Reflector that was carried to another place on the platform."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    half: Literal[1, 2] | None
+    """Half of a platform of two parts; None: the controlled point's."""
+    offset_mm: Point
+    """Place on its part, as a mounted reflector's."""
 
 
 class CellMemory(BaseModel):
@@ -78,6 +89,8 @@ class CellMemory(BaseModel):
     beam_on: str | None
     taken: tuple[TakenShot, ...] = ()
     """Shots that the tracker reported, with the truth; memories of older versions have none."""
+    carried: Carried | None = None
+    """Where the reflector is mounted; None: where the cell file says."""
 
     # a memory is a file that may have been edited: all sizes are checked before arrays are made
     def problem_for(self, kind: Kind) -> str:
@@ -156,10 +169,12 @@ class Cell:
         self._worked = WorkedTime(state.worked_s)
         self.faults = FaultScript((f.fault() for f in scenario.faults), state.fault_counts)
         self.station = scenario.tracker.station.pose()
+        self._mount = factory.mount(scenario, self.station)
+        self._carried = state.carried
         self.robot = DrivenRobot(
             mechanism,
             behaviour,
-            factory.mount(scenario, self.station),
+            self._mounted(state.carried),
             _restore_standing(state, mechanism, section.thermal.growth(state.worked_s)),
             worked=self._worked,
             arrivals=self._attempts(Purpose.ARRIVAL, state.arrivals),
@@ -178,6 +193,35 @@ class Cell:
     def true_reflector_mm(self, now_s: float) -> Array:
         """Return the reflector's true place (3,) in the base frame. A back door for tests."""
         return self._scene.robot_reflector(now_s).point_mm
+
+    def carry_reflector(
+        self, name: str, half: Literal[1, 2] | None, place_mm: Point, std_mm: float
+    ) -> None:
+        """Carry the reflector, with the beam, to a place that has a name, or back with the name "".
+
+        `place_mm` is what the operator was asked for, seen from the joints of the half or from the
+        controlled point. The holder is off it by a draw of standard deviation `std_mm`, which does
+        not change. Raise `SimError` for a half that the platform does not have.
+        """
+        if half is not None and self.kind.turn is None:
+            raise SimError(
+                f"the reflector cannot be carried to half {half}: the platform of a "
+                f"{self.kind.name} has no halves",
+                remedy="leave out `body` of this object in campaign.yaml",
+            )
+        self._carried = None
+        if name:
+            draw = generator(self.seed, Purpose.MOUNT, *name.encode()).standard_normal(3)
+            x, y, z = (np.array(place_mm) + std_mm * draw).tolist()
+            self._carried = Carried(half=half, offset_mm=(x, y, z))
+        self.robot.carry_reflector(self._mounted(self._carried))
+        self.tracker.beam.put_on_robot()
+
+    def _mounted(self, carried: Carried | None) -> SeenReflector:
+        """Return the mounted reflector, which faces the same way wherever it is."""
+        if carried is None:
+            return self._mount
+        return SeenReflector(np.array(carried.offset_mm), self._mount.facing, carried.half)
 
     def advance(self, now_s: float) -> None:
         """Carry out what is due by now."""
@@ -205,6 +249,7 @@ class Cell:
             "selected_reflector": self.tracker.selected,
             "beam_on": self.tracker.beam.locked_on,
             "taken": tuple(self.tracker.taken),
+            "carried": self._carried,
         }
         return self._state.model_copy(update=now).model_dump(mode="json", by_alias=True)
 

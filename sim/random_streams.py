@@ -5,7 +5,8 @@ shot, a resumed run or a second process would shift the noise of everything late
 campaigns could be compared. So there is a stream for each purpose and, for what happens many times,
 for each target and attempt there:
 
-1. manufacture (geometry, rods, tilts, transmission) is drawn once from (seed, purpose);
+1. manufacture (geometry, rods, tilts, transmission) is drawn once from (seed, purpose), and where
+   a reflector that is carried sits on its part from (seed, purpose, its name);
 2. an arrival or a shot is drawn from (seed, purpose, joint target, number of the attempt there).
 
 The counts of attempts are in the cell's memory. The third visit of a pose therefore scatters alike
@@ -31,6 +32,7 @@ class Purpose(IntEnum):
     RODS = 4
     TILTS = 5
     TRANSMISSION = 6
+    MOUNT = 7
 
 
 def generator(seed: int, purpose: Purpose, *keys: int) -> np.random.Generator:

@@ -95,6 +95,7 @@ class DrivenRobot:
         self._mechanism = mechanism
         self._behaviour = behaviour
         self._mount = mount
+        """The reflector as it is mounted now."""
         self._worked = worked
         self.arrivals = arrivals
         self.standing = standing
@@ -131,6 +132,11 @@ class DrivenRobot:
         assembly = self._move_and_yield(self._ahead, joints)
         self.standing = Standing(encoders, play, assembly, displaced_mm)
         self._ahead = assembly
+
+    def carry_reflector(self, mount: SeenReflector) -> None:
+        """Mount the reflector elsewhere on the platform."""
+        self._mount = mount
+        self._last_view = None
 
     def reflector(self, encoders: Array) -> SeenReflector:
         """Return the reflector at encoder readings: those at rest, or others of a motion."""

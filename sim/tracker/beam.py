@@ -115,6 +115,10 @@ class Beam:
         if Target.STANDING in self._standing_in_base_mm:
             self.locked_on = Target.STANDING
 
+    def put_on_robot(self) -> None:
+        """Be put onto the robot's reflector by an operator who takes the beam along."""
+        self.locked_on = Target.ROBOT
+
     def release(self) -> None:
         """Let go of the target, and point where it was last."""
         self.locked_on = None
