@@ -144,6 +144,7 @@ class Intent:
     `pair`: number of the pair that the shot is a half of; None for a shot that stands alone.
     `commanded`: pose that the controller is sent; None if it is sent the target itself.
     `nest`: fixed place whose reflector is measured while the robot stands; "" for the robot's.
+    `reflector`: object on the platform that is measured; "" for the reflector of the robot file.
     """
 
     shot: int
@@ -155,6 +156,7 @@ class Intent:
     pair: int | None = None
     commanded: Pose | None = None
     nest: str = ""
+    reflector: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +194,8 @@ class Outcome:
     """
     part_temperature_degC: float | None = None
     """Temperature of the robot's parts; None: not measured."""
+    reflector: str = ""
+    """Object on the platform that was measured; "": the reflector of the robot file."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,6 +45,7 @@ class SeriesLog:
             planned.pair,
             step.corrected,
             planned.nest,
+            planned.reflector,
         )
         self.write(intent)
         self._attempts[intent.shot] = intent.attempt

@@ -147,10 +147,11 @@ def plan_difference(measured: Iterable[Intent], planned: Sequence[PlannedShot]) 
         return "none of its shots is in plan.csv any more"
     for intent in common:
         row = rows[intent.shot]
-        if (intent.purpose, intent.pair, intent.nest) != (row.purpose.value, row.pair, row.nest):
+        measured_for = intent.purpose, intent.pair, intent.nest, intent.reflector
+        if measured_for != (row.purpose.value, row.pair, row.nest, row.reflector):
             return (
-                f"shot {intent.shot} was measured for another set, pair or nest than plan.csv has "
-                "now"
+                f"shot {intent.shot} was measured for another set, pair, nest or reflector than "
+                "plan.csv has now"
             )
         if not _is_same_pose(intent, row):
             return f"shot {intent.shot} was measured at another pose than plan.csv has now"
