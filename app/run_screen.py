@@ -193,7 +193,8 @@ def line_of(progress: Progress) -> str:
     if progress.eta_s is not None:
         parts.append(f"{interval(progress.eta_s)} left")
     has_shot = progress.shot is not None and progress.state not in STATES_WITHOUT_SHOT
-    shot = f" {progress.purpose} {progress.shot}" if has_shot else ""
+    on = f" ({progress.reflector})" if progress.reflector else ""
+    shot = f" {progress.purpose} {progress.shot}{on}" if has_shot else ""
     parts += [f"{progress.state.value}{shot}", *_residual_and_drift(progress)]
     if not progress.beam_locked:
         lost_s = progress.beam_lost_s
@@ -225,7 +226,8 @@ def state_of(progress: Progress) -> tuple[str, str]:
     if progress.state in STATES_WITHOUT_SHOT or progress.shot is None:
         return state, BAD if progress.state is EngineState.STOPPED else GOOD
     style = OPEN if progress.state is EngineState.SUSPENDED else GOOD
-    return f"{state} shot {progress.shot} ({progress.purpose})", style
+    what = ", ".join(filter(None, (progress.purpose, progress.reflector)))
+    return f"{state} shot {progress.shot} ({what})", style
 
 
 def shots_and_end(progress: Progress, now: datetime) -> str:

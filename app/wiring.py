@@ -19,7 +19,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import cast
+from typing import Literal, cast
 
 from app.own_equations import OwnEquations
 from campaigns.campaign import Campaign
@@ -27,6 +27,8 @@ from campaigns.controllers.active_kinematics import HeldParameters, joints_of_po
 from campaigns.controllers.issuer import IDENTITY, is_foreign
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing, WriteFailed
 from campaigns.files.text_file import replace_text
+from campaigns.identification.observed import objects_of
+from campaigns.measuring.reflector_places import ReflectorPlace
 from campaigns.measuring.work import Cell as Devices
 from campaigns.measuring.work import RawReaders
 from campaigns.settings.sections import BY_HAND, SIMULATED
@@ -57,6 +59,9 @@ from sim.scenarios.schema import Scenario
 CELL_MEMORY = "cell-memory.json"
 MEMORY_BYTES = bounded_files.CSV_BYTES
 """A line or two for each place at which the cell has ever stood."""
+
+HOLDER_STD_MM = 5.0
+"""Largest 1 σ by which a simulated holder is off the place that campaign.yaml states."""
 
 StopRequested = Callable[[], bool]
 
@@ -102,7 +107,8 @@ def connected_cell(
     with ways as to, to.robot() as robot, to.tracker() as tracker:
         # the robot settles in the controller's time, the operator waits in the wall clock's
         clocks = to.interruptible(to.controller.clock), SystemClock()
-        yield Devices(robot, tracker, *clocks, raw_readers=_raw_readers(campaign))
+        carry = partial(_carry, campaign, to.cell) if to.cell else None
+        yield Devices(robot, tracker, *clocks, raw_readers=_raw_readers(campaign), carry=carry)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +156,8 @@ class DeviceConnections:
     tracker_place: DevicePlace
     followed: SimulatedController | None = None
     """Takes the real robot's joints: the simulated tracker measures a robot that stands there."""
+    cell: Cell | None = None
+    """Simulated cell of which the tracker is; None: the tracker is real."""
 
     @contextmanager
     def robot(self) -> Iterator[RobotController]:
@@ -257,7 +265,19 @@ def connections(
         controller, tracker = place("controller", controller_url), place("tracker", tracker_url)
         # a simulated tracker beside a real controller has to see the robot where that robot stands
         followed = None if controller.in_process else cell.cell.controller
-        yield connections_at(controller, tracker, followed)
+        seen = cell.cell if tracker.in_process else None
+        yield connections_at(controller, tracker, followed, seen)
+
+
+def _carry(campaign: Campaign, cell: Cell, reflector: str) -> None:
+    """Carry the reflector of a simulated cell to an object, or with the name "" back."""
+    place = ReflectorPlace(None, (0.0, 0.0, 0.0), 0.0)
+    if reflector:
+        objects = {carrier.name: carrier for carrier in objects_of(campaign.config.objects)}
+        place = ReflectorPlace.of(objects[reflector])
+    half: Literal[1, 2] | None = 1 if place.part == 1 else 2 if place.part == 2 else None
+    std_mm = min(place.std_mm, HOLDER_STD_MM)
+    cell.carry_reflector(reflector, half, place.place_mm, std_mm)
 
 
 @contextmanager

@@ -58,6 +58,7 @@ def _state(folder: Path) -> dict[str, object]:
         activity = FINISHED | {"state": f"finished: {status.next.text}"}
     remaining = latest.planned - latest.shots if latest and latest.planned is not None else None
     last = shots[-1].record if shots else None
+    intents = [entry.record for entry in of_series if isinstance(entry.record, records.Intent)]
     return {
         "name": f"{status.name} (simulated)" if campaign.is_simulated else status.name,
         **activity,
@@ -65,6 +66,7 @@ def _state(folder: Path) -> dict[str, object]:
         "done": latest.shots if latest else 0,
         "total": latest.planned if latest else None,
         "ends_utc": _ends(shots, remaining) if activity == MEASURING else None,
+        "reflector": intents[-1].reflector if intents else "",
         "residual_mm": last.residual_mm if isinstance(last, records.Outcome) else None,
         "campaign": status.phase,
         "verdict": status.decision or "",

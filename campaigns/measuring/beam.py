@@ -98,7 +98,7 @@ class Beam:
             if lost_s >= self._session.work.look_back_s:
                 if suspect is not None and expected_mm is not None:
                     self._require_moved_since(suspect, expected_mm)
-                if not seen_here and self._gate.accepted:
+                if not seen_here and self._gate.of_reflector:
                     return Loss.UNSEEN
             if reminders_s and lost_s >= reminders_s[0]:
                 reminders_s.popleft()
@@ -126,7 +126,7 @@ class Beam:
 
         Return whether the reflector was there at once: then the other pose is hidden.
         """
-        latest = self._gate.accepted[-1]
+        latest = self._gate.of_reflector[-1]
         self._go_back(f"where shot {latest.shot} was", latest.joints)
         began_s = self._clock.now_s()
         waited = self.wait(latest.joints, seen_here=True)
@@ -183,6 +183,8 @@ class Beam:
         # because an accusation ends the run.
         if not self._measured or expected_mm is None:
             return None
+        if self._measured[-1].reflector != self._gate.reflector:
+            return None  # the beam has been brought onto another one since
         latest, far_mm = self._measured[-1], self._session.work.gate.distance_mm
         expected_then_mm = self._gate.expected_point_mm(latest.joints)
         point_mm = latest.point_in_tracker_mm
@@ -218,7 +220,7 @@ class Beam:
 
     def _anchors(self, standing_mm: Vector3 | None) -> Iterator[Anchor]:
         """Yield the poses at which the reflector was seen, the latest first."""
-        for shot in tuple(reversed(self._gate.accepted))[:MOST_ANCHORS]:
+        for shot in tuple(reversed(self._gate.of_reflector))[:MOST_ANCHORS]:
             yield Anchor(f"where shot {shot.shot} was", shot.joints, shot.point_in_tracker_mm)
         # Each beginning is used up: the beam may have been on a wrong reflector even then, and the
         # search must come to an end.

@@ -69,6 +69,7 @@ class Engine:
         self._shots = Shots(session, self._beam, NestPointer(session, kept.kept))
         self._plan = groups(session.work.steps)
         self._first_drift_mm = kept.first_drift_mm()
+        """Point of the first drift shot of each reflector."""
         self._air = TemperatureMonitor(self._work.gate.temperature_change_degC, air)
         planned = [step.planned for step in self._work.steps]
         kinematics = self._work.robot.kinematics
@@ -114,7 +115,7 @@ class Engine:
         the robot like `run`.
         """
         with self._stopping_robot():
-            if not (references := reference_poses(self._work.steps, self._gate.accepted)):
+            if not (references := reference_poses(self._work.steps, self._gate.of_reflector)):
                 return
             change = measure_change("after the restart", references, self._session, self._shots)
             if change and not self._work.override:
@@ -124,7 +125,7 @@ class Engine:
                 # again as if no shot had been taken.
                 self._log.announce(Event("gone on anyway", f"gone on all the same: {change}"))
                 self._gate.reset([shot.shot for shot in self._gate.accepted])
-                self._first_drift_mm = None
+                self._first_drift_mm.clear()
                 self._uncertainty = None
                 self._run_state.update(None)
             elif len(references) > 1:
@@ -238,13 +239,13 @@ class Engine:
             return result
         drift_mm = self._check_drift(outcome) if purpose is ShotSet.DRIFT else None
         self._shots.accept(outcome)
-        if self._uncertainty is None or len(self._gate.accepted) >= self._fit_due:
+        if self._uncertainty is None or len(self._gate.of_robot) >= self._fit_due:
             self._fit_shots()
         self._run_state.accept(wall_clock.now_s() - started_s, outcome.residual_mm, drift_mm)
         if purpose is ShotSet.DRIFT:
             self._report_settling()
         air = self._air.events(outcome.weather)
-        for event in (*air, *self._station.events(self._gate.accepted)):
+        for event in (*air, *self._station.events(self._gate.of_robot)):
             self._log.announce(event)
         return result
 
@@ -256,10 +257,10 @@ class Engine:
         # The gate cannot see a slow drift: its limits are millimetres, and its fit follows the
         # latest shots. The first drift shot of the series counts, also if another session took it.
         point_mm, limit_mm = outcome.point_in_tracker_mm, self._work.gate.drift_mm
-        if self._first_drift_mm is None:
-            self._first_drift_mm = point_mm
+        if outcome.reflector not in self._first_drift_mm:
+            self._first_drift_mm[outcome.reflector] = point_mm
             return None
-        moved_mm = dist(self._first_drift_mm, point_mm)
+        moved_mm = dist(self._first_drift_mm[outcome.reflector], point_mm)
         text = drift_text("the drift pose is", moved_mm, limit_mm)
         self._log.write(Event("drift check", f"shot {outcome.shot}: {text}"))
         if moved_mm > limit_mm:
@@ -273,14 +274,15 @@ class Engine:
 
     def _report_settling(self) -> None:
         """Report since which drift shot the robot has settled, whenever that changes."""
-        accepted = self._gate.accepted
+        accepted = self._gate.of_reflector
         drift = {s.planned.shot for s in self._work.steps if s.planned.purpose is ShotSet.DRIFT}
         visits = [outcome for outcome in accepted if outcome.shot in drift]
         if len(visits) < FEWEST_VISITS:
             return
         if self._noise.freedom == inf:
             return  # the robot's scatter has not been estimated yet
-        settled, text = pose_settling(self._work.robot.kinematics, accepted, visits, self._noise)
+        robot = self._gate.seen_from(self._gate.reflector)
+        settled, text = pose_settling(robot, accepted, visits, self._noise)
         if self._settled_visits is None or settled[:1] != self._settled_visits[:1]:
             # Only the journal notes a robot that has stayed from its first visit on: nothing is to
             # be done.
@@ -391,8 +393,8 @@ class Engine:
         event = Event("shot voided", f"shot {wrong.shot} does not count: {reason}")
         self._log.announce(event)
         group = next((g for g in self._plan if wrong.shot in shots_of(g)), ())
-        if wrong.point_in_tracker_mm == self._first_drift_mm:
-            self._first_drift_mm = None  # the next drift shot becomes the first one
+        if wrong.point_in_tracker_mm == self._first_drift_mm.get(wrong.reflector):
+            del self._first_drift_mm[wrong.reflector]  # the next drift shot becomes the first one
         pair = group[0].planned.pair if group else None
         self._void(pair, self._counting_shots(group) or (wrong.shot,), event.text)
         return group
@@ -466,9 +468,12 @@ class Engine:
     def _compare_at_end(self) -> None:
         """Compare the poses that were compared after a restart, or as many as there are."""
         # A change is noted for report and verdict, and does not end a run whose shots are measured.
-        references = self._references
+        # Those of another reflector than that which is measured now would have to be carried to.
+        references = tuple(
+            pose for pose in self._references if pose[1].reflector == self._gate.reflector
+        )
         if not references and self._work.compared_at_end:
-            spread = reference_poses(self._work.steps, self._gate.accepted)
+            spread = reference_poses(self._work.steps, self._gate.of_reflector)
             references = spread if len(spread) > 1 else ()
         if not references:
             return
@@ -484,7 +489,7 @@ class Engine:
         """Fit the shots that count as `identify` will, and show the uncertainty."""
         # Again when the shots have grown by a quarter: σ falls with their square root. With a goal
         # each twentieth, lest the run measures far beyond it.
-        accepted, work = self._gate.accepted, self._work
+        accepted, work = self._gate.of_robot, self._work
         self._fit_due = next_fit(len(accepted), 0.25 if work.goal_mm is None else 0.05)
         posterior = work.uncertainty_monitor.posterior(accepted)
         self._noise = work.noise_by(posterior)

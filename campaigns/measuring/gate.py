@@ -10,11 +10,14 @@ above what a calibration corrects.
 2. As soon as the shots place a frame, a fit of robot and frame predicts each point, with an
    uncertainty from which the limit follows: wide where the shots say little, narrow later.
 
+Shots of a reflector elsewhere on the platform (`reflector_places.py`) are predicted by the same fit
+and their place there; before it, their distances are compared with each other alone.
+
 One of the first shots may itself be of a wrong target. It is found by leaving out one shot at a
 time: without it the refused shot agrees with all others.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import dist, inf
 
@@ -26,6 +29,8 @@ from campaigns.fit.fit import Fit, Prior, noise_parts
 from campaigns.fit.rigid_transforms import Transform, fit_transform
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.journal.records import Outcome
+from campaigns.kinematics.model import Kinematics
+from campaigns.measuring.reflector_places import PlacedReflector, ReflectorPlace, seen_at
 from campaigns.settings.sections import GateConfig
 from drivers.values import Vector3, vector
 
@@ -90,16 +95,37 @@ class Gate:
         instrument: TrackerUncertainty,
         rules: GateConfig,
         accepted: Iterable[Outcome] = (),
+        places: Mapping[str, ReflectorPlace] | None = None,
     ) -> None:
+        """`places`: those of reflectors elsewhere on the platform, by the names of objects."""
         self._model, self._instrument, self._rules = model, instrument, rules
+        self._places = dict(places or {})
+        self._elsewhere = {name: PlacedReflector(model, at) for name, at in self._places.items()}
         self.accepted = tuple(accepted)
         """The shots that count, in the order in which they came."""
+        self.reflector = ""
+        """Reflector that is measured now: an object's name; "": that of the robot file."""
         self._restart()
+
+    @property
+    def of_reflector(self) -> tuple[Outcome, ...]:
+        """Return the shots that count of the reflector that is measured now."""
+        return self._shots_of(self.reflector)
+
+    @property
+    def of_robot(self) -> tuple[Outcome, ...]:
+        """Return the shots that count of the reflector of the robot file."""
+        return self._shots_of("")
+
+    def seen_from(self, reflector: str) -> Kinematics:
+        """Return the nominal robot with the measured point on the part of a reflector."""
+        nominal = self._model.nominal
+        return seen_at(nominal, self._places[reflector]) if reflector else nominal
 
     def accept(self, outcome: Outcome) -> None:
         """Add an accepted shot."""
         self.accepted = (*self.accepted, outcome)
-        if len(self.accepted) >= self._fit_due:
+        if not outcome.reflector and len(self.of_robot) >= self._fit_due:
             self._fit()
 
     def reset(self, shots: Iterable[int]) -> None:
@@ -114,9 +140,13 @@ class Gate:
         # limit never exceeds that for distances: a fit must not make the gate wider.
         # `not … <= …`: a residual that is NaN is refused.
         rules = self._rules
-        expected_mm, std_mm = self.predict(outcome.joints) or (None, inf)
-        if expected_mm is None or std_mm > rules.distance_mm:
-            return self._judge_distances(outcome, self.accepted)
+        if self._places and (another := self._another_at(outcome)):
+            return GateDecision(None, None, another)
+        expected_mm, std_mm = self.predict(outcome.joints, outcome.reflector) or (None, inf)
+        # A reflector elsewhere may sit on its part beside what is stated: limits are of 4 σ there.
+        most_mm = rules.distance_mm / (LIMIT_SIGMAS if outcome.reflector else 1.0)
+        if expected_mm is None or std_mm > most_mm:
+            return self._judge_distances(outcome, self._shots_of(outcome.reflector))
         residual_mm = float(np.linalg.norm(outcome.point_in_tracker_mm - expected_mm))
         limit_mm = min(rules.fitted_mm + LIMIT_SIGMAS * std_mm, rules.distance_mm)
         refusal = ""
@@ -127,8 +157,28 @@ class Gate:
             )
         return GateDecision(vector(expected_mm), residual_mm, refusal)
 
-    def predict(self, joints: Joints) -> tuple[Array, float] | None:
-        """Return the point (3,) expected at joints, and its 1 σ in mm; None if unknown.
+    def _another_at(self, outcome: Outcome) -> str:
+        """Return which other reflector of the platform has a shot's point, in words; "" if none."""
+        # A stated place may be wrong by centimetres, but hardly by half of the way to another
+        # reflector: a quarter of that way belongs to the other one.
+        expected = self.predict(outcome.joints, outcome.reflector)
+        for name in {"", *self._places} - {outcome.reflector}:
+            other = self.predict(outcome.joints, name) if self._shots_of(name) else None
+            if expected is None or other is None or other[1] > self._rules.distance_mm:
+                continue
+            apart_mm = float(np.linalg.norm(expected[0] - other[0]))
+            away_mm = float(np.linalg.norm(outcome.point_in_tracker_mm - other[0]))
+            limit_mm = min(self._rules.fitted_mm + LIMIT_SIGMAS * other[1], 0.25 * apart_mm)
+            if away_mm <= limit_mm:
+                where = f"on {name}" if name else "at its own place"
+                return (
+                    f"{away_mm:.2f} mm from the reflector {where}, {apart_mm:.0f} mm from where it "
+                    f"should be (limit {limit_mm:.2f} mm): it was not moved"
+                )
+        return ""
+
+    def predict(self, joints: Joints, reflector: str = "") -> tuple[Array, float] | None:
+        """Return a reflector's point (3,) at joints, and its 1 σ in mm; None if unknown.
 
         The point is in the tracker's frame; σ is the root of the summed variances of its
         coordinates.
@@ -136,6 +186,11 @@ class Gate:
         estimate = self._estimate
         if estimate is None:
             return None
+        if reflector:
+            elsewhere = self._elsewhere[reflector]
+            by = estimate.x, estimate.frame, estimate.covariance
+            place = elsewhere.place(*by, self._shots_of(reflector))
+            return elsewhere.predict(*by, place, joints)
         observation = Observations.unmeasured(np.array([joints]), estimate.near)
         with np.errstate(all="ignore"):  # at joints that no pose fits, the numbers overflow
             at = self._model.predict(estimate.x, (estimate.frame,), observation, estimate.near)
@@ -171,32 +226,42 @@ class Gate:
             shot
             for shot in self.accepted
             if dist(shot.point_in_tracker_mm, refused.point_in_tracker_mm) <= STANDING_MM
+            and shot.reflector == refused.reflector
             and self._judge_distances(shot, [refused]).refusal
         )
 
     def expected_point_mm(self, joints: Joints) -> Vector3 | None:
         """Return where to point the tracker for these joints; None while it is too uncertain.
 
-        The point is predicted by the fit, or is that of a shot at the same pose.
+        The point is that of the reflector that is measured now: predicted by the fit, or that of a
+        shot at the same pose.
         """
-        predicted = self.predict(joints)
+        predicted = self.predict(joints, self.reflector)
         if predicted is not None and predicted[1] <= POINTING_STD_MM:
             return vector(predicted[0])
-        same = (s.point_in_tracker_mm for s in self.accepted if is_same_pose(s.joints, joints))
+        same = (s.point_in_tracker_mm for s in self.of_reflector if is_same_pose(s.joints, joints))
         return next(same, None)
+
+    def _shots_of(self, reflector: str) -> tuple[Outcome, ...]:
+        return tuple(shot for shot in self.accepted if shot.reflector == reflector)
 
     def _without(self, shot: Outcome, *, added: tuple[Outcome, ...] = ()) -> "Gate":
         """Return a gate that rests on the other shots and the added ones."""
         others = (*(other for other in self.accepted if other.shot != shot.shot), *added)
-        return Gate(self._model, self._instrument, self._rules, others)
+        return Gate(self._model, self._instrument, self._rules, others, self._places)
 
     def _judge_distances(self, shot: Outcome, others: Sequence[Outcome]) -> GateDecision:
-        """Compare the distances of a shot to others with those of the robot as it is estimated."""
+        """Compare the distances of a shot to others with those of the robot as it is estimated.
+
+        All of them are of one reflector.
+        """
         # Positions are in the base frame, points in the tracker's: distances need no common frame.
         # Without a fit the robot is the nominal one, whose errors of some mm are far below the
         # limit.
         estimate, compared = self._estimate, (*others, shot)
         robot = self._model.nominal if estimate is None else self._model.kinematics(estimate.x)
+        if shot.reflector:
+            robot = seen_at(robot, self._places[shot.reflector])
         solution = robot.forward(np.array([outcome.joints for outcome in compared]))
         if not solution.is_solved.all():
             problem = "the robot's model cannot be assembled at the joints that were read"
@@ -219,18 +284,18 @@ class Gate:
         """Fit the accepted shots without an estimate from before, which voided shots may spoil."""
         self._estimate: Estimate | None = None
         self._fit_due = FEWEST_SHOTS  # number of accepted shots at which they are fitted again
-        if len(self.accepted) >= FEWEST_SHOTS:
+        if len(self.of_robot) >= FEWEST_SHOTS:
             self._fit()
 
     def _fit(self) -> None:
         """Fit by one Gauss-Newton step, from the nominal robot or the estimate before."""
         # One step leaves an error of second order in the robot's errors, far below the limit, and
         # takes a fraction of a fit that converges.
-        model = self._model
-        self._fit_due = next_fit(len(self.accepted))
+        model, accepted = self._model, self.of_robot
+        self._fit_due = next_fit(len(accepted))
         x = np.zeros(len(model.names)) if self._estimate is None else self._estimate.x
-        joints = np.array([shot.joints for shot in self.accepted])
-        points_mm = np.array([shot.point_in_tracker_mm for shot in self.accepted])
+        joints = np.array([shot.joints for shot in accepted])
+        points_mm = np.array([shot.point_in_tracker_mm for shot in accepted])
         solution = model.kinematics(x).forward(joints)
         # Without a frame, or with joints that no pose fits, the gate goes on by distances.
         if not _can_place_frame(points_mm) or not solution.is_solved.all():

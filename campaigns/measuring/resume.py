@@ -37,12 +37,14 @@ class ResumeState:
     unmeasured: tuple[Group, ...]
     """Groups to measure, those of the halves among them."""
 
-    def first_drift_mm(self) -> Vector3 | None:
-        """Return the point of the first drift shot; None without one."""
+    def first_drift_mm(self) -> dict[str, Vector3]:
+        """Return the point of the first drift shot of each reflector, by its name."""
         # The first by its place in the journal, not by its stamp: the clock may have been set back.
+        # A dict keeps the last of equal keys.
         drifts = [s for s in self.kept if s.intent.purpose == ShotSet.DRIFT.value]
-        first = min(drifts, key=lambda shot: shot.number, default=None)
-        return first.outcome.point_in_tracker_mm if first else None
+        drifts.sort(key=lambda shot: shot.number, reverse=True)
+        outcomes = [shot.outcome for shot in drifts]
+        return {outcome.reflector: outcome.point_in_tracker_mm for outcome in outcomes}
 
 
 def resume_state(steps: Sequence[Step], accepted: Sequence[AcceptedShot]) -> ResumeState:

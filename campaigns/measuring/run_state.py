@@ -63,6 +63,8 @@ class Progress:
     """None: too few shots."""
     goal_mm: float | None = None
     """σ of positions at which measuring may end; None if all shots shall be measured."""
+    reflector: str = ""
+    """Object on the platform that the shot measures; "": the reflector of the robot file."""
 
 
 class RunObserver:
@@ -105,7 +107,12 @@ class RunState:
     def begin(self, step: Step) -> None:
         """Show the shot whose attempt begins."""
         planned = step.planned
-        self._progress = replace(self._progress, shot=planned.shot, purpose=planned.purpose.value)
+        self._progress = replace(
+            self._progress,
+            shot=planned.shot,
+            purpose=planned.purpose.value,
+            reflector=planned.reflector,
+        )
 
     def enter(self, state: EngineState) -> None:
         """Show another state."""

@@ -29,8 +29,11 @@ class SeriesLog:
         # Numbers go on after those of earlier sessions, also after attempts that a crash cut off:
         # a number that is used twice could give a shot the intent of another attempt.
         self._attempts: dict[int, int] = {}
+        self.reflector = ""
+        """Reflector of the last attempt: an object's name; "": that of the robot file."""
         for entry in journal.records_of(records.Intent, series):
             self._attempts[entry.record.shot] = entry.record.attempt
+            self._note_reflector(entry.record)
 
     def begin(self, step: Step) -> records.Intent:
         """Write the intent of an attempt at a step, under the next free number of attempt."""
@@ -50,6 +53,7 @@ class SeriesLog:
         self.write(intent)
         self._attempts[intent.shot] = intent.attempt
         self._open = intent
+        self._note_reflector(intent)
         return intent
 
     def write(self, record: records.Record) -> None:
@@ -57,6 +61,11 @@ class SeriesLog:
         self._journal.append(record, series=self._series)
         if isinstance(record, records.Outcome | records.Rejected):
             self._open = None
+
+    def _note_reflector(self, intent: records.Intent) -> None:
+        """Keep which reflector an attempt measures; that of a nest is not on the robot."""
+        if not intent.nest:
+            self.reflector = intent.reflector
 
     def announce(self, event: records.Event) -> None:
         """Write an event, and pass it to the display of the run."""

@@ -159,7 +159,9 @@ def _make_session(
     run_state = RunState(observer, done=done, total=total, goal_mm=work.goal_mm)
     speed, stop_requested = work.speed_fraction, wishes.stop_requested
     mover = Mover(cell.robot, cell.clock, speed, work.settle, work.robot, stop_requested)
-    return Session(cell, work, log, run_state, work.gate_after(kept), mover, wishes)
+    gate = work.gate_after(kept)
+    gate.reflector = log.reflector
+    return Session(cell, work, log, run_state, gate, mover, wishes)
 
 
 def _without_skipped(session: Session, pending: Sequence[Group]) -> tuple[Group, ...]:

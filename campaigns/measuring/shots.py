@@ -20,6 +20,7 @@ from campaigns.journal.records import Durations, Event, Intent, Outcome, Rejecte
 from campaigns.measuring.beam import Beam
 from campaigns.measuring.motion import Arrival
 from campaigns.measuring.nests import NestPointer
+from campaigns.measuring.reflector_carrier import ReflectorCarrier
 from campaigns.measuring.results import SKIPPED, Accepted, Loss, Lost, Refused, ShotResult, Skipped
 from campaigns.measuring.run_state import EngineState, Wish
 from campaigns.measuring.work import Session
@@ -41,6 +42,7 @@ class Shots:
         self._session = session
         self._log, self._run_state = session.log, session.run_state
         self._beam = beam
+        self._carrier = ReflectorCarrier(session)
         self.nests = nests
         self._begun: int | None = None
         """Shot that was begun last; None once it counts or has been compared."""
@@ -75,6 +77,8 @@ class Shots:
             self.nests.leave()  # the beam back onto the robot, before the robot moves away with it
         if self._is_skipped_already(step.planned.shot):
             return Skipped()
+        if not nest:
+            self._carrier.bring(step.planned.reflector)
         self._run_state.begin(step)
         intent = self._log.begin(step)
         arrival = self._go(step, intent)
@@ -159,6 +163,7 @@ class Shots:
             measurement.raw,
             Durations(arrival.move_s, arrival.settle_s, cell.clock.now_s() - started_s),
             came_from=arrival.came_from,
+            reflector=intent.reflector,
         )
         if cell.raw_readers is not None:
             cell.raw_readers.check(outcome)

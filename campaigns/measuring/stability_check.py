@@ -51,9 +51,10 @@ def measure_change(
         text = f"shot {again[0].shot}: {drift_text(f'{when} the pose is', moved_mm, limit_mm)}"
     else:
         # The robot's own scatter, by which poses may differ, is that of the accepted shots so far.
-        work, accepted = session.work, session.gate.accepted
-        noise = work.noise_by(work.uncertainty_monitor.posterior(accepted))
-        size, change = rigid_body_test(work.robot.kinematics, accepted, then, again, noise)
+        work, gate = session.work, session.gate
+        noise = work.noise_by(work.uncertainty_monitor.posterior(gate.of_robot))
+        robot = gate.seen_from(gate.reflector)
+        size, change = rigid_body_test(robot, gate.of_reflector, then, again, noise)
         has_changed = bool(change)
         text = f"{when} {size}: {change or 'no change detected'}"
     session.log.write(Event("drift check", text))

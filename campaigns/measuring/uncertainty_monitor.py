@@ -89,7 +89,8 @@ class UncertaintyMonitor:
 
     def _is_to_identify(self, outcome: Outcome) -> bool:
         planned = self._planned.get(outcome.shot)
-        return planned is not None and planned.purpose is ShotSet.IDENTIFICATION
+        to_identify = planned is not None and planned.purpose is ShotSet.IDENTIFICATION
+        return to_identify and not outcome.reflector
 
     def _make_shots(self, taken: Sequence[Outcome]) -> Shots:
         planned = [self._planned[outcome.shot] for outcome in taken]

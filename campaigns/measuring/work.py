@@ -5,7 +5,7 @@
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -21,6 +21,7 @@ from campaigns.measuring.gate import Gate
 from campaigns.measuring.monitors import Station
 from campaigns.measuring.motion import Mover
 from campaigns.measuring.reference_poses import ReferenceNoise
+from campaigns.measuring.reflector_places import ReflectorPlace
 from campaigns.measuring.run_state import PositionUncertainty, RunState, Wishes
 from campaigns.measuring.series_log import SeriesLog
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
@@ -86,8 +87,20 @@ class Cell:
     raw_readers: RawReaders | None = None
     ask: Callable[[str], bool] = lambda _: False
     """Function that shows the operator a task, and returns whether he confirms that it is done."""
+    carry: Callable[[str], None] | None = None
+    """Function that carries the reflector of a simulated cell to an object; None: somebody does."""
     beam_wait_s: float = UNATTENDED_BEAM_WAIT_S
     """Longest wait for a broken beam; infinite where an operator is there to place it."""
+
+    def carries(self, reflector: str, task: str) -> bool:
+        """Have the reflector carried to an object, "" to its own place; return whether it is done.
+
+        `task` says it to the operator.
+        """
+        if self.carry is not None:
+            self.carry(reflector)
+            return True
+        return self.ask(f"the robot stands still: {task}, and stand clear. Done?")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -122,6 +135,8 @@ class Work:
     ends_at: tuple[float, ...] = ()
     """Joints where the robot is left at the end; (): where the last shot was taken."""
     nests: tuple[NestConfig, ...] = ()
+    reflector_places: Mapping[str, ReflectorPlace] = field(default_factory=dict)
+    """Places of reflectors elsewhere on the platform, by the names of objects."""
     reflector: str = ""
     """Robot's reflector, by its name in the tracker."""
     measuring_time_s: float = 1.0
@@ -170,7 +185,8 @@ class Work:
             self.robot.kinematics, TRACKER_SOURCES, group_tolerances=self.options.tolerances
         )
         accepted = [shot.outcome for shot in shots if not shot.intent.nest]
-        return Gate(model, self.options.instrument, self.gate, accepted)
+        places = self.reflector_places
+        return Gate(model, self.options.instrument, self.gate, accepted, places)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

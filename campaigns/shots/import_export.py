@@ -206,6 +206,7 @@ def exported_shots(
 
     These are shots whose pair has no second one: the file's readers refuse half a pair.
     """
+    shots = [shot for shot in shots if not shot.intent.reflector]
     halves = pair_rows([shot.intent.pair for shot in shots]).halves
     whole = np.delete(np.arange(len(shots)), halves)
     rows = rows_of_shots(shots_of_journal(shots, mechanism).rows(whole))

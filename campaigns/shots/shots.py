@@ -387,7 +387,8 @@ def read_note(note: str) -> tuple[float | None, str | None]:
 
 
 def shots_of_journal(shots: Sequence[AcceptedShot], mechanism: Mechanism) -> Shots:
-    """Return the accepted shots of a series."""
+    """Return the accepted shots of a series, of the reflector of the robot file alone."""
+    shots = [shot for shot in shots if not shot.intent.reflector]
     intents = [shot.intent for shot in shots]
     measured = shots_of_outcomes(
         [shot.outcome for shot in shots],

@@ -24,6 +24,7 @@ from campaigns.identification.observations import HOLD_OUT_SEED, asked_shots
 from campaigns.identification.observed import hold_out, measured_of, objects_of
 from campaigns.identification.options import IdentificationOptions, matching, named_priors
 from campaigns.identification.other_kinds import Measured
+from campaigns.identification.reflector_shots import reflector_observations
 from campaigns.identification.result import (
     WITHOUT_SHOTS,
     IdentificationResult,
@@ -75,7 +76,7 @@ def identify(
     campaign.require_journal()
     with campaign.journal() as journal:
         series = campaign.series_to_identify(journal)
-        measured = _observations(campaign, journal, options)
+        measured = _observations(campaign, journal, series, options)
         if series is None and not measured:
             raise campaign.nothing_measured()
         shots = None if series is None else _shots(campaign, journal, series, options)
@@ -119,13 +120,22 @@ def _shots(
 
 
 def _observations(
-    campaign: Campaign, journal: JournalReader, options: IdentificationOptions
+    campaign: Campaign,
+    journal: JournalReader,
+    series: Series | None,
+    options: IdentificationOptions,
 ) -> tuple[Measured, ...]:
-    """Return the observations of other kinds than points, a share held out as options ask."""
+    """Return the observations of other kinds than points, a share held out as options ask.
+
+    Those of the series itself are of reflectors elsewhere on the platform.
+    """
     rows = recorded_observations(journal).rows
     rng = np.random.default_rng(HOLD_OUT_SEED)
     rows = hold_out(rows, options.hold_out, rng) if options.hold_out else rows
-    return measured_of(rows, objects_of(campaign.config.objects))
+    objects = objects_of(campaign.config.objects)
+    shots = () if series is None else journal.shots(series.number)
+    by_tracker = reflector_observations(shots, objects, campaign.instrument)
+    return (*measured_of(rows, objects), *by_tracker)
 
 
 def identification_options(

@@ -4,18 +4,21 @@
 # into a `Work`: settle and gate limits, speed, the tracker's place, the plan's digest, and
 # campaign.yaml as it stands, which the journal keeps with each series.
 
+from collections.abc import Iterable
 from math import dist
 
 import numpy as np
 
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import KnownSets
-from campaigns.errors import ConfigInvalid
+from campaigns.errors import ConfigInvalid, PlanInvalid
+from campaigns.identification.observed import objects_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Finding, Stage
 from campaigns.journal.views import Series
 from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.monitors import Station
+from campaigns.measuring.reflector_places import ReflectorPlace, seen_at
 from campaigns.measuring.work import Work
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import plan_digest
@@ -67,6 +70,7 @@ def engine_work(
         options=options,
         nests=config.nests,
         reflector=config.tracker.reflector,
+        reflector_places=_reflector_places(campaign, steps, kinematics),
         measuring_time_s=config.tracker.measuring_time_s,
         station=Station(
             config.tracker.place_mm,
@@ -75,6 +79,37 @@ def engine_work(
             config.validation.centre_mm,
         ),
     )
+
+
+def _reflector_places(
+    campaign: Campaign, steps: Iterable[Step], kinematics: Kinematics
+) -> dict[str, ReflectorPlace]:
+    """Return the places of the reflectors that the steps name, by the names of objects.
+
+    Raise `PlanInvalid` for a name that is no object, or an object on no part of this platform.
+    """
+    carriers = {carrier.name: carrier for carrier in objects_of(campaign.config.objects)}
+    places: dict[str, ReflectorPlace] = {}
+    for step in steps:
+        name = step.planned.reflector
+        if not name or name in places:
+            continue
+        if name not in carriers:
+            raise PlanInvalid(
+                f"shot {step.planned.shot}: reflector '{name}' is not among the objects of "
+                "campaign.yaml",
+                remedy=f"write `- {{name: {name}, body: half 2}}` under objects there, or correct "
+                "plan.csv",
+            )
+        places[name] = ReflectorPlace.of(carriers[name])
+        try:
+            seen_at(kinematics, places[name])
+        except ValueError as error:
+            raise PlanInvalid(
+                f"shot {step.planned.shot}: reflector '{name}': {error}",
+                remedy="correct `body` of this object in campaign.yaml",
+            ) from error
+    return places
 
 
 def _park_joints(campaign: Campaign, kinematics: Kinematics) -> tuple[float, ...]:

@@ -7,6 +7,7 @@ import socket
 import sqlite3
 import threading
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -52,6 +53,11 @@ def test_shots_done_and_planned_and_the_end_by_the_clock(state_of_run):
     assert (state["colour"], state["state"]) == ("green", "measuring")
     low, high = (datetime.fromisoformat(end) for end in state["ends_utc"])
     assert 0.0 <= (high - low).total_seconds() < 60.0
+
+
+def test_the_reflector_that_is_measured_is_named(state_of_run):
+    shown = state_of_run((replace(ASKED, reflector="half 2"),))
+    assert shown["reflector"] == "half 2"
 
 
 @pytest.mark.parametrize(

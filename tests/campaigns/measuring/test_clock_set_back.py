@@ -41,7 +41,6 @@ def test_the_first_drift_shot_and_the_drift_since_it_follow_the_records(tmp_path
     with read_journal(path) as journal:
         accepted = journal.shots(1)
     first_mm = ResumeState(accepted, (), ()).first_drift_mm()
-    assert first_mm is not None
-    assert first_mm[0] == FIRST_MM
+    assert first_mm[""][0] == FIRST_MM
     drift_mm = time_series("run", shots_of_journal(accepted, ROBOT.mechanism)).drift_mm
     np.testing.assert_allclose(drift_mm, [0.0, SECOND_MM - FIRST_MM], atol=1e-9)
