@@ -30,6 +30,7 @@ from sim import factory
 from sim.errors import AssemblyLost, ScenarioInvalid, SimError
 from sim.faults import FaultScript
 from sim.geometry import Array, Kind, geometry_of, problem_with
+from sim.instruments import Instruments, ReadObject
 from sim.random_streams import Attempts, Purpose, WorkedTime, generator
 from sim.robot.assembly import Assembly, OutOfReach, assemble, follow, joints_for, restore
 from sim.robot.bars import EquationsOf, FreeMechanism, free_mechanism
@@ -59,6 +60,17 @@ class Carried(BaseModel):
     """Half of a platform of two parts; None: the controlled point's."""
     offset_mm: Point
     """Place on its part, as a mounted reflector's."""
+
+
+class TakenReading(BaseModel):
+    """Reading of an instrument, with the truth; mm and rad."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    kind: str
+    object: str
+    values: tuple[float, ...]
+    true: tuple[float, ...]
 
 
 class CellMemory(BaseModel):
@@ -91,6 +103,9 @@ class CellMemory(BaseModel):
     """Shots that the tracker reported, with the truth; memories of older versions have none."""
     carried: Carried | None = None
     """Where the reflector is mounted; None: where the cell file says."""
+    readings: tuple[TakenReading, ...] = ()
+    """Readings of instruments so far."""
+    reading_counts: dict[str, int] = Field(default_factory=dict)
 
     # a memory is a file that may have been edited: all sizes are checked before arrays are made
     def problem_for(self, kind: Kind) -> str:
@@ -188,11 +203,38 @@ class Cell:
             kinematics=computed,
         )
         self._scene = Scene(self.controller, self.robot)
+        self.instruments = Instruments(
+            self.seed,
+            np.array(section.workspace_centre_mm),
+            self.station,
+            self._attempts(Purpose.READING, state.reading_counts),
+        )
+        self._readings = [*state.readings]
+        self._marked: list[tuple[Array, Array]] = []
+        """Poses of the tool that were marked for the next reading."""
         self.tracker = self._make_tracker(state)
 
     def true_reflector_mm(self, now_s: float) -> Array:
         """Return the reflector's true place (3,) in the base frame. A back door for tests."""
         return self._scene.robot_reflector(now_s).point_mm
+
+    def mark(self, now_s: float) -> None:
+        """Mark where the tool is, as the first pose of the next reading."""
+        self._marked = [self.robot.tool(self.controller.encoders(now_s))]
+
+    def read_instrument(
+        self, kind: str, item: ReadObject, std_mm: float, now_s: float
+    ) -> tuple[float, ...]:
+        """Read an instrument where the tool is, and keep the true values; mm and rad.
+
+        Raise `SimError` for a kind of which there is no instrument.
+        """
+        tools, self._marked = [*self._marked, self.robot.tool(self.controller.encoders(now_s))], []
+        reading = self.instruments.read(kind, item, std_mm, tools)
+        self._readings.append(
+            TakenReading(kind=kind, object=item.name, values=reading.values, true=reading.true)
+        )
+        return reading.values
 
     def carry_reflector(
         self, name: str, half: Literal[1, 2] | None, place_mm: Point, std_mm: float
@@ -250,6 +292,8 @@ class Cell:
             "beam_on": self.tracker.beam.locked_on,
             "taken": tuple(self.tracker.taken),
             "carried": self._carried,
+            "readings": tuple(self._readings),
+            "reading_counts": self.instruments.attempts.memory(),
         }
         return self._state.model_copy(update=now).model_dump(mode="json", by_alias=True)
 

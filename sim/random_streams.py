@@ -6,7 +6,8 @@ campaigns could be compared. So there is a stream for each purpose and, for what
 for each target and attempt there:
 
 1. manufacture (geometry, rods, tilts, transmission) is drawn once from (seed, purpose), and where
-   a reflector that is carried sits on its part from (seed, purpose, its name);
+   a reflector that is carried sits on its part, or what an instrument is read of, from (seed,
+   purpose, its name);
 2. an arrival or a shot is drawn from (seed, purpose, joint target, number of the attempt there).
 
 The counts of attempts are in the cell's memory. The third visit of a pose therefore scatters alike
@@ -33,6 +34,8 @@ class Purpose(IntEnum):
     TILTS = 5
     TRANSMISSION = 6
     MOUNT = 7
+    OBJECT = 8
+    READING = 9
 
 
 def generator(seed: int, purpose: Purpose, *keys: int) -> np.random.Generator:

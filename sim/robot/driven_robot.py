@@ -25,7 +25,7 @@ from sim.errors import AssemblyLost
 from sim.geometry import Array
 from sim.random_streams import Attempts, WorkedTime
 from sim.robot.assembly import Assembly, follow, restore
-from sim.robot.rods import Growth, Mechanism
+from sim.robot.rods import Growth, Mechanism, rotation
 from sim.robot.section import Thermal
 from sim.robot.transmission import WEIGHTLESS, Load, Transmission
 
@@ -151,15 +151,25 @@ class DrivenRobot:
         self._last_view = self.standing, growth, encoders, seen
         return seen
 
+    def tool(self, encoders: Array) -> tuple[Array, Array]:
+        """Return the controlled point (3,) and the axes (3, 3) of the tool, in the base frame."""
+        assembly, displaced_mm = self._assembly(encoders)
+        plate = assembly.plate
+        axes = np.asarray(plate.rotation @ rotation(0.0, 0.0, plate.theta_rad))
+        return np.asarray(plate.position_mm + displaced_mm), axes
+
     def _look(self, encoders: Array) -> SeenReflector:
+        return self._locate_reflector(*self._assembly(encoders))
+
+    def _assembly(self, encoders: Array) -> tuple[Assembly, Array]:
+        """Return the assembly at encoder readings, and the plate's displacement (3,) there."""
         standing = self.standing
         if np.array_equal(encoders, standing.encoders):
             # solved again, since parts may have grown while the robot stood; the joints stay
             at_rest = standing.assembly
             now = restore(self._mechanism, at_rest.joints, at_rest.plate, self._growth())
-            return self._locate_reflector(now, standing.displaced_mm)
-        on_the_way = self._follow_encoders(standing.assembly, encoders)
-        return self._locate_reflector(on_the_way, np.zeros(3))
+            return now, standing.displaced_mm
+        return self._follow_encoders(standing.assembly, encoders), np.zeros(3)
 
     def _follow_encoders(self, start: Assembly, encoders: Array) -> Assembly:
         joints = self._behaviour.transmission.joints(encoders)
