@@ -22,22 +22,26 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Generic, TypeVar
 
+from typing_extensions import override
+
 from app.console import WARNING, Terminal, is_yes
 from app.interrupt import StopRequest, stop_on_signals, suspend
 from app.keyboard import KEYBOARD
 from app.retrying import Retries
 from app.run_screen import STOP_KEY, RunLines
 from app.run_text import DeviceIdentities, briefing, serials
-from app.wiring import connected_cell, pause_clock, prepare
+from app.wiring import connected_cell, pause_clock, prepare, read_by_hand
 from campaigns.campaign import Campaign
 from campaigns.errors import CampaignError, Interrupted, OptionsInvalid
 from campaigns.journal.journal import Journal
+from campaigns.measuring.observing import ObservationResult, Observing
 from campaigns.measuring.run_state import Wish, Wishes
 from campaigns.measuring.session import RunResult, measure_series, run_result
 from campaigns.measuring.work import Cell, Work
 from campaigns.options import RunOptions, ValidationOptions
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.workflow import validation
+from campaigns.workflow.observation_run import fill_in, observation_work, planned_observations
 from campaigns.workflow.running import RunPreview, measured_before, run_preview, run_work
 from drivers.errors import Cancelled, DriverError, ExplainedError, WrongDevice
 from drivers.ports import Prompt
@@ -46,16 +50,39 @@ Result = TypeVar("Result")
 WISH_OF_KEY = {"p": Wish.PAUSE, "s": Wish.SKIP, "r": Wish.AGAIN, "k": Wish.PARK}
 
 
-class Job(ABC, Generic[Result]):
+class DeviceJob(ABC, Generic[Result]):
+    """What is measured with the devices of a campaign, once they are connected."""
+
+    def __init__(self, campaign: Campaign, title: str, retry: int | None) -> None:
+        """`retry`: how often to connect again after a lost link; None: as campaign.yaml says."""
+        self.campaign, self.title = campaign, title
+        self.retry = campaign.config.run.retry if retry is None else retry
+
+    @abstractmethod
+    def brief(self, devices: DeviceIdentities) -> str:
+        """Say what will be measured with these devices, before the operator is asked."""
+
+    @abstractmethod
+    def measure(self, cell: Cell, display: RunLines, wishes: Wishes, *, anew: bool) -> Result:
+        """Measure what is still missing on a prepared cell, and return the result."""
+
+
+class Job(DeviceJob[Result]):
     """What is measured in one stage of a campaign, and what is made of its series."""
 
     def __init__(
         self, campaign: Campaign, work: Work, preview: RunPreview, retry: int | None
     ) -> None:
-        """`retry`: how often to connect again after a lost link; None: as campaign.yaml says."""
-        self.campaign, self.work, self.preview = campaign, work, preview
-        self.title: str = work.stage
-        self.retry = campaign.config.run.retry if retry is None else retry
+        """`retry` is that of `DeviceJob`."""
+        super().__init__(campaign, work.stage, retry)
+        self.work, self.preview = work, preview
+
+    @override
+    def measure(self, cell: Cell, display: RunLines, wishes: Wishes, *, anew: bool) -> Result:
+        work = self.prepare(cell)
+        with self.campaign.opened_journal() as journal:
+            series = measure_series(cell, journal, work, display, wishes, anew=anew)
+            return self.finish(journal, series)
 
     def brief(self, devices: DeviceIdentities) -> str:
         """Say what will be measured with these devices, before the operator is asked."""
@@ -76,7 +103,7 @@ class Clearance:
     The question names the devices that answer; these devices must answer afterwards, too.
     """
 
-    def __init__(self, job: Job[Result], terminal: Terminal, *, yes: bool) -> None:
+    def __init__(self, job: DeviceJob[Result], terminal: Terminal, *, yes: bool) -> None:
         """`yes`: whether the option --yes gives the consent."""
         self.is_given = yes
         self._job = job
@@ -107,7 +134,12 @@ class Clearance:
 
 
 def measure(
-    job: Job[Result], terminal: Terminal, *, yes: bool, anew: bool = False, plain: bool = False
+    job: DeviceJob[Result],
+    terminal: Terminal,
+    *,
+    yes: bool,
+    anew: bool = False,
+    plain: bool = False,
 ) -> Result:
     """Measure a job and return its result; connect again after errors that may be over soon.
 
@@ -147,7 +179,7 @@ def measure(
 
 
 def _measure_once(
-    job: Job[Result],
+    job: DeviceJob[Result],
     terminal: Terminal,
     clearance: Clearance,
     stop: StopRequest,
@@ -168,12 +200,9 @@ def _measure_once(
                 terminal.detail(f"{name}: {identity}")
             clearance.check(devices)
             prepare(campaign, cell)
-            work = job.prepare(cell)
             if prompt is not None:
                 cell = _with_operator(cell, prompt, waits_for_beam=not clearance.is_given)
-            with campaign.opened_journal() as journal:
-                series = measure_series(cell, journal, work, display, wishes, anew=anew)
-                return job.finish(journal, series)
+            return job.measure(cell, display, wishes, anew=anew)
 
 
 def _with_operator(cell: Cell, prompt: Prompt, *, waits_for_beam: bool) -> Cell:
@@ -181,7 +210,10 @@ def _with_operator(cell: Cell, prompt: Prompt, *, waits_for_beam: bool) -> Cell:
     # With --yes there may be no one in the hall: then the wait for a broken beam has an end.
     wait_s = math.inf if waits_for_beam else cell.beam_wait_s
     return replace(
-        cell, ask=lambda question: is_yes(prompt(f"{question} [y/N] ")), beam_wait_s=wait_s
+        cell,
+        ask=lambda question: is_yes(prompt(f"{question} [y/N] ")),
+        beam_wait_s=wait_s,
+        instrument=cell.instrument or read_by_hand(prompt),
     )
 
 
@@ -251,6 +283,33 @@ class RunJob(Job[RunResult]):
     def finish(self, journal: Journal, series: int) -> RunResult:
         """Return what the journal has of the plan."""
         return run_result(journal, series, self.work)
+
+
+class ObservationJob(DeviceJob[ObservationResult]):
+    """Observations that are planned in observations.csv."""
+
+    def __init__(self, campaign: Campaign, planned: int, retry: int | None) -> None:
+        """`planned`: number of observations that are not measured yet."""
+        super().__init__(campaign, "observations", retry)
+        self._planned = planned
+
+    @override
+    def brief(self, devices: DeviceIdentities) -> str:
+        speed = self.campaign.config.controller.speed_percent
+        return f"{self._planned} observations, {speed:g} % speed, {serials(devices)}"
+
+    @override
+    def measure(
+        self, cell: Cell, display: RunLines, wishes: Wishes, *, anew: bool
+    ) -> ObservationResult:
+        # Values that a killed process has left in the journal alone are written into the file, and
+        # what is planned is read again: an earlier try may have measured some of it.
+        with self.campaign.opened_journal() as journal:
+            fill_in(self.campaign, journal)
+            work = observation_work(self.campaign, journal, planned_observations(self.campaign))
+            result = Observing(cell, work, display, wishes).run()
+            journal.prove()
+            return result
 
 
 class ValidationJob(Job[validation.Validated]):

@@ -193,7 +193,7 @@ def line_of(progress: Progress) -> str:
     if progress.eta_s is not None:
         parts.append(f"{interval(progress.eta_s)} left")
     has_shot = progress.shot is not None and progress.state not in STATES_WITHOUT_SHOT
-    on = f" ({progress.reflector})" if progress.reflector else ""
+    on = f" ({progress.object})" if progress.object else ""
     shot = f" {progress.purpose} {progress.shot}{on}" if has_shot else ""
     parts += [f"{progress.state.value}{shot}", *_residual_and_drift(progress)]
     if not progress.beam_locked:
@@ -210,7 +210,7 @@ def line_of(progress: Progress) -> str:
 
 def summary(progress: Progress) -> str:
     """Return shots done and last figures of a run that is over."""
-    shots = f"{progress.done} of {progress.total} shots"
+    shots = f"{progress.done} of {progress.total} {progress.counted}s"
     return " · ".join([shots, progress.state.value, *_residual_and_drift(progress)])
 
 
@@ -226,14 +226,14 @@ def state_of(progress: Progress) -> tuple[str, str]:
     if progress.state in STATES_WITHOUT_SHOT or progress.shot is None:
         return state, BAD if progress.state is EngineState.STOPPED else GOOD
     style = OPEN if progress.state is EngineState.SUSPENDED else GOOD
-    what = ", ".join(filter(None, (progress.purpose, progress.reflector)))
-    return f"{state} shot {progress.shot} ({what})", style
+    what = ", ".join(filter(None, (progress.purpose, progress.object)))
+    return f"{state} {progress.counted} {progress.shot} ({what})", style
 
 
 def shots_and_end(progress: Progress, now: datetime) -> str:
     """Return shots and the end by the clock: `34 of 163 shots · 129 left · ends at 14:32`."""
     remaining = progress.total - progress.done
-    shots = f"{progress.done} of {progress.total} shots · {remaining} left"
+    shots = f"{progress.done} of {progress.total} {progress.counted}s · {remaining} left"
     if progress.eta_s is None or not remaining:
         return shots
     low, high = (f"{now + timedelta(seconds=s):%H:%M}" for s in progress.eta_s)

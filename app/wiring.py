@@ -13,10 +13,11 @@
 #   the simulated one, so that the simulated tracker measures a robot that stands there.
 
 import json
+import math
 import random
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal, cast
@@ -28,6 +29,7 @@ from campaigns.controllers.issuer import IDENTITY, is_foreign
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing, WriteFailed
 from campaigns.files.text_file import replace_text
 from campaigns.identification.observed import objects_of
+from campaigns.measuring.instruments import Instrument, Task
 from campaigns.measuring.reflector_places import ReflectorPlace
 from campaigns.measuring.work import Cell as Devices
 from campaigns.measuring.work import RawReaders
@@ -35,7 +37,7 @@ from campaigns.settings.sections import BY_HAND, SIMULATED
 from campaigns.shots import point_files
 from campaigns.shots.point_layout import PointFormat
 from drivers import bounded_files, errors
-from drivers.by_hand import HandSettings
+from drivers.by_hand import HandSettings, InstrumentByHand
 from drivers.catalog import CONTROLLERS, FILE, TRACKERS
 from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.link import never
@@ -52,6 +54,7 @@ from sim.clock import EventClock, ScaledClock
 from sim.errors import SimError
 from sim.faults import DeviceName
 from sim.in_process import InProcessCell
+from sim.instruments import ReadObject
 from sim.robot.controller import SimulatedController
 from sim.scenarios.scenario import load_scenario
 from sim.scenarios.schema import Scenario
@@ -107,8 +110,14 @@ def connected_cell(
     with ways as to, to.robot() as robot, to.tracker() as tracker:
         # the robot settles in the controller's time, the operator waits in the wall clock's
         clocks = to.interruptible(to.controller.clock), SystemClock()
-        carry = partial(_carry, campaign, to.cell) if to.cell else None
-        yield Devices(robot, tracker, *clocks, raw_readers=_raw_readers(campaign), carry=carry)
+        devices = Devices(robot, tracker, *clocks, raw_readers=_raw_readers(campaign))
+        if to.cell is not None:
+            devices = replace(
+                devices,
+                carry=partial(_carry, campaign, to.cell),
+                instrument=partial(_read_instrument, campaign, to.cell),
+            )
+        yield devices
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +165,7 @@ class DeviceConnections:
     tracker_place: DevicePlace
     followed: SimulatedController | None = None
     """Takes the real robot's joints: the simulated tracker measures a robot that stands there."""
-    cell: Cell | None = None
+    cell: InProcessCell | None = None
     """Simulated cell of which the tracker is; None: the tracker is real."""
 
     @contextmanager
@@ -265,11 +274,17 @@ def connections(
         controller, tracker = place("controller", controller_url), place("tracker", tracker_url)
         # a simulated tracker beside a real controller has to see the robot where that robot stands
         followed = None if controller.in_process else cell.cell.controller
-        seen = cell.cell if tracker.in_process else None
+        seen = cell if tracker.in_process else None
         yield connections_at(controller, tracker, followed, seen)
 
 
-def _carry(campaign: Campaign, cell: Cell, reflector: str) -> None:
+def read_by_hand(prompt: Prompt) -> Instrument:
+    """Return the instrument that a person reads, asked by a prompt."""
+    by_hand = InstrumentByHand(prompt)
+    return lambda task: by_hand.read(task.question, len(task.columns))
+
+
+def _carry(campaign: Campaign, cell: InProcessCell, reflector: str) -> None:
     """Carry the reflector of a simulated cell to an object, or with the name "" back."""
     place = ReflectorPlace(None, (0.0, 0.0, 0.0), 0.0)
     if reflector:
@@ -277,7 +292,30 @@ def _carry(campaign: Campaign, cell: Cell, reflector: str) -> None:
         place = ReflectorPlace.of(objects[reflector])
     half: Literal[1, 2] | None = 1 if place.part == 1 else 2 if place.part == 2 else None
     std_mm = min(place.std_mm, HOLDER_STD_MM)
-    cell.carry_reflector(reflector, half, place.place_mm, std_mm)
+    cell.cell.carry_reflector(reflector, half, place.place_mm, std_mm)
+
+
+def _read_instrument(campaign: Campaign, cell: InProcessCell, task: Task) -> tuple[float, ...]:
+    """Read a simulated instrument, in the units of the task's columns; mark a place without any."""
+    now_s = cell.now_s()
+    if not task.columns:
+        cell.cell.mark(now_s)
+        return ()
+    (of,) = (item for item in campaign.config.objects if item.name == task.object)
+    shrinks = task.kind == "distance"
+    item = ReadObject(
+        of.name,
+        of.on or "",
+        of.height_mm or 0.0,
+        of.place_mm or (0.0, 0.0, 0.0),
+        0.01 * of.shrinkage_percent,
+        0.01 * (of.shrinkage_std_percent or 0.0) if shrinks else of.std_mm or 0.0,
+    )
+    values = cell.cell.read_instrument(task.kind, item, task.std_mm, now_s)
+    return tuple(
+        math.degrees(value) if name.endswith("_deg") else value
+        for name, value in zip(task.columns, values, strict=True)
+    )
 
 
 @contextmanager

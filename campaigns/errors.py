@@ -93,6 +93,10 @@ class GateRefused(CampaignError):
     """A shot, the drift or the temperature is too far from the expected: find out why first."""
 
 
+class InstrumentMissing(CampaignError):
+    """Observations are read off instruments by a person, and no one is there to ask."""
+
+
 class IdentificationRefused(CampaignError):
     """The shots cannot give the parameters asked for: measure more, or hold those named."""
 

@@ -63,6 +63,8 @@ from campaigns.shots.observation_records import (
     RecordedObservations,
     recorded_observations,
 )
+from campaigns.shots.observations_csv import FILE_NAME as OBSERVATIONS
+from campaigns.shots.observations_csv import read_observations
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_journal
 from campaigns.shots.stops import by_stops
@@ -156,7 +158,9 @@ class Evidence:
     after: tuple[MeasuredSeries, ...] = ()
     """Series of the validation after calibration, oldest first."""
     observations: RecordedObservations = NO_OBSERVATIONS
-    """Imported observations of other kinds than points."""
+    """Observations of other kinds than points, imported or measured by a run."""
+    plans_observations: bool = False
+    """Whether observations.csv has rows without a value."""
     identification: RecordedIdentification | None = None
     """Latest identification."""
     loaded: Load | None = None
@@ -441,9 +445,14 @@ def gather(campaign: Campaign) -> Evidence:
     unreadable: list[str] = []
     path = campaign.path(PARAMETER_FILE)
     parameters = _read_if_there(path, lambda path: read_robot(path).robot, unreadable)
+    mechanism = campaign.robot.mechanism
+    rows = _read_if_there(
+        campaign.path(OBSERVATIONS), lambda path: read_observations(path, mechanism), unreadable
+    )
     files = Evidence(
         campaign=campaign,
         plan=_read_if_there(campaign.plan_path, lambda _: campaign.read_plan(), unreadable),
+        plans_observations=any(row.is_planned for row in rows or ()),
         parameter_file=parameters,
         spoilt_parameter_file=parameters is None and path.exists(),
         unreadable=tuple(unreadable),

@@ -87,6 +87,8 @@ class CampaignState:
     program_after: bool = False
     """Whether there is a program with the parameters that were exported last."""
     planned: bool = False
+    to_observe: bool = False
+    """Whether a run measures planned observations alone, without shots."""
     misplaced: str = ""
     """Place where the shots found the tracker, in words; empty if campaign.yaml agrees."""
     before: bool = False
@@ -154,6 +156,7 @@ ROWS = (
         "wait, or look on by `pkmcal watch {folder}`",
         "{worker} works on this campaign",
     ),
+    Row(lambda s: s.to_observe and not s.measured, "run {folder}"),
     # set up and plan
     Row(
         lambda s: bool(s.misplaced) and (not s.measured or s.unmeasured == "run"),
@@ -301,6 +304,7 @@ def state_of(
         program=campaign.is_offline and evidence.has_program,
         program_after=evidence.program_after,
         planned=bool(runs) or evidence.plan is not None,
+        to_observe=evidence.plans_observations and not (evidence.plan or campaign.is_offline),
         misplaced=_misplaced(evidence),
         objects=bool(campaign.config.objects),
         before=bool(evidence.before),

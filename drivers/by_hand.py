@@ -28,6 +28,7 @@ from drivers.wire.robotline import RobotLayout
 from drivers.wire.typed_numbers import typed_numbers
 
 NO_POINT = "-"
+BACK = "u"
 QUESTION = f"measure the reflector and type or paste its point: x y z, mm ({NO_POINT} for none) "
 
 Read = TypeVar("Read")
@@ -260,3 +261,27 @@ def recorded_measurement(text: str) -> tuple[values.Vector3, None]:
     point_mm = values.vector(typed_numbers(text, 3))
     require_point("the typed line", point_mm)
     return point_mm, None
+
+
+class InstrumentByHand:
+    """An instrument that a person reads: a touch probe, callipers, an inclinometer."""
+
+    def __init__(self, prompt: Prompt) -> None:
+        self._prompt = prompt
+
+    def read(self, task: str, count: int) -> tuple[float, ...] | values.NoValue:
+        """Ask for so many numbers, and again while they are none; with 0 for a mark at a place.
+
+        Raises the prompt's `Cancelled`.
+        """
+
+        def read(text: str) -> tuple[float, ...] | values.NoValue:
+            word = text.strip()
+            if word == BACK:
+                return values.NoValue.BACK
+            if word == (NO_POINT if count == 0 else ""):
+                return values.NoValue.SKIPPED
+            return typed_numbers(word, count) if count else ()
+
+        keys = f"Enter: done, {NO_POINT}: none" if count == 0 else "Enter: none"
+        return _answer(self._prompt, f"{task} [{keys}, {BACK}: the one before again] ", read)

@@ -189,3 +189,10 @@ def is_positive_definite(matrix: Matrix3, least_determinant: float = LEAST_DETER
         return False
     determinant = 1.0 + 2.0 * r_xy * r_xz * r_yz - r_xy**2 - r_xz**2 - r_yz**2
     return determinant > least_determinant
+
+
+class NoValue(Enum):
+    """Answer of an operator who reads no value off an instrument."""
+
+    SKIPPED = "skipped by the operator"
+    BACK = "the one before is read again"

@@ -3,20 +3,24 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from app.console import Terminal
-from app.measuring import RunJob, find_measured, measure
+from app.console import WARNING, Terminal
+from app.measuring import ObservationJob, RunJob, find_measured, measure
 from app.next import tell_next, tell_who_works
 from app.options import Anew, Dry, Plain, Yes
 from app.plan_text import plan_line
 from app.run_screen import certainty
 from app.run_text import preview_line, show_run
 from campaigns.campaign import Campaign
+from campaigns.measuring.observing import ObservationResult
 from campaigns.measuring.run_state import PositionUncertainty
 from campaigns.measuring.session import RunResult
 from campaigns.measuring.work import Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
+from campaigns.shots.observations_csv import FILE_NAME
+from campaigns.workflow.observation_run import planned_observations
 from campaigns.workflow.running import predicted_end, run_preview, run_work, state_by_journal
+from drivers.bounded_files import is_there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,10 +61,23 @@ def command(
     that identify fits). --until ends the run when this σ is small enough; a later run without
     --until measures the rest.
 
+    Rows of observations.csv without a value come after the shots, or alone: the robot goes to their
+    joints, and what the instrument shows is typed at the terminal. Each value is in the journal
+    before the next motion, and in the file.
+
     pkmcal run cell-3
     pkmcal run cell-3 --until 0.02 --retry 5 --yes
     """
     campaign.require_devices()
+    planned = planned_observations(campaign)
+    if planned and not is_there(campaign.plan_path):
+        if dry:
+            terminal.say(f"{len(planned)} observations; nothing was moved")
+            terminal.conclude({"observations": len(planned)}, tell_next(terminal, campaign))
+            return
+        observed = measure_observations(campaign, terminal, options, yes=yes, plain=plain)
+        terminal.conclude(observed, tell_next(terminal, campaign))
+        return
     with terminal.telling("reading the plan") as now_at:
         checked = campaign.checked_plan(tell=now_at)
     terminal.note(plan_line(checked))
@@ -80,7 +97,21 @@ def command(
         job = RunJob(campaign, work, preview, options.retry)
         ran = measure(job, terminal, yes=yes, anew=anew, plain=plain)
     show_run(terminal, ran)
+    if planned:
+        measure_observations(campaign, terminal, options, yes=True, plain=plain)
     terminal.conclude(run_answer(ran), tell_next(terminal, campaign), is_good=ran.good)
+
+
+def measure_observations(
+    campaign: Campaign, terminal: Terminal, options: RunOptions, *, yes: bool, plain: bool
+) -> ObservationResult:
+    """Measure the planned observations, and say which have no value; `yes`: the cell is clear."""
+    job = ObservationJob(campaign, len(planned_observations(campaign)), options.retry)
+    observed = measure(job, terminal, yes=yes, plain=plain)
+    terminal.say(f"measured: {observed.measured} observations, also written to {FILE_NAME}")
+    for skipped in observed.skipped:
+        terminal.say(f"not measured: {skipped}", WARNING)
+    return observed
 
 
 def run_answer(ran: RunResult) -> RunAnswer:

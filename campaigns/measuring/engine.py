@@ -14,8 +14,7 @@ first. Only then is the end of the session written, for writing may fail.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import partial
 from math import dist, inf
 
@@ -38,14 +37,13 @@ from campaigns.measuring.results import (
 )
 from campaigns.measuring.resume import ResumeState
 from campaigns.measuring.run_state import EngineState, PositionUncertainty, Wish
-from campaigns.measuring.series_log import problem_of
 from campaigns.measuring.shots import Shots
 from campaigns.measuring.stability_check import BEGIN_ANEW, drift_text, measure_change
+from campaigns.measuring.stopping import stopping_robot
 from campaigns.measuring.stopping_rule import in_ranges, in_words, is_met, only_identifies
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.shots.shot_sets import ShotSet
-from drivers.errors import RobotStateUnknown
 from drivers.values import Weather
 
 MOST_IN_A_ROW = 3
@@ -94,7 +92,7 @@ class Engine:
         Raise the error that ended the run, once the robot has been stopped, or `RobotStateUnknown`
         if the stop could not be confirmed.
         """
-        with self._stopping_robot():
+        with stopping_robot(self._session.cell.robot, self._run_state):
             self._measure_queue(groups_left)
             # By now the gate predicts better, and a person in the beam may have gone.
             deferred, self._deferred = self._deferred, []
@@ -114,7 +112,7 @@ class Engine:
         Raise `GateRefused` if something has moved, unless the operator overrides the check. Stop
         the robot like `run`.
         """
-        with self._stopping_robot():
+        with stopping_robot(self._session.cell.robot, self._run_state):
             if not (references := reference_poses(self._work.steps, self._gate.of_reflector)):
                 return
             change = measure_change("after the restart", references, self._session, self._shots)
@@ -150,37 +148,6 @@ class Engine:
             self._log.announce(Event("goal met", text))
             self._run_state.leave_out(len(shots))
         return tuple(group for group in groups_left if not only_identifies(group))
-
-    @contextmanager
-    def _stopping_robot(self) -> Iterator[None]:
-        """Stop the robot first if anything goes wrong, then raise the error again."""
-        try:
-            yield
-        except BaseException as error:  # also Ctrl-C, and errors of this program
-            self._stop(error)
-            raise
-
-    def _stop(self, because: BaseException) -> None:
-        """Stop the robot; raise `RobotStateUnknown` if the stop fails."""
-        # A stop that fails outranks the error that led to it: someone may be about to step into the
-        # cell. The first error is named in the text, the failed stop is the cause.
-        try:
-            self._retry_stop()
-        except BaseException as error:
-            raise RobotStateUnknown(
-                f"robot state unknown: the stop failed ({problem_of(error)}), "
-                f"after: {problem_of(because)}",
-                remedy="use the hardware stop",
-            ) from error
-        finally:
-            self._run_state.enter(EngineState.STOPPED)
-
-    def _retry_stop(self) -> None:
-        """Stop the robot, and once more if Ctrl-C cuts the first stop off."""
-        try:
-            self._session.cell.robot.stop()
-        except KeyboardInterrupt:
-            self._session.cell.robot.stop()
 
     def _measure_queue(self, groups_left: Sequence[Group], *, is_last_try: bool = False) -> None:
         """Measure groups one after another; defer those that fail, or skip them at the last try."""

@@ -72,7 +72,7 @@ class ReflectorCarrier:
         return True
 
     def _have_carried(self, reflector: str, before: str) -> None:
-        """Have the reflector carried; raise `GateRefused` if nobody does."""
+        """Have the reflector carried; raise `GateRefused` if no one does."""
         place = reflector or "its own place, as robot.yaml has it"
         what = f"move the reflector to {place}, with the beam on it"
         if not self._session.cell.carries(reflector, what):

@@ -63,8 +63,10 @@ class Progress:
     """None: too few shots."""
     goal_mm: float | None = None
     """σ of positions at which measuring may end; None if all shots shall be measured."""
-    reflector: str = ""
-    """Object on the platform that the shot measures; "": the reflector of the robot file."""
+    counted: str = "shot"
+    """Word for what is counted."""
+    object: str = ""
+    """Object that the shot or observation is of; "": the reflector of the robot file."""
 
 
 class RunObserver:
@@ -98,10 +100,16 @@ class RunState:
     """State of a run, passed to its display whenever it changes."""
 
     def __init__(
-        self, observer: RunObserver, *, done: int, total: int, goal_mm: float | None = None
+        self,
+        observer: RunObserver,
+        *,
+        done: int,
+        total: int,
+        goal_mm: float | None = None,
+        counted: str = "shot",
     ) -> None:
         self._observer = observer
-        self._progress = Progress(done, total, EngineState.IDLE, goal_mm=goal_mm)
+        self._progress = Progress(done, total, EngineState.IDLE, goal_mm=goal_mm, counted=counted)
         self._seconds: deque[float] = deque(maxlen=LATEST_SHOTS)
 
     def begin(self, step: Step) -> None:
@@ -111,8 +119,16 @@ class RunState:
             self._progress,
             shot=planned.shot,
             purpose=planned.purpose.value,
-            reflector=planned.reflector,
+            object=planned.reflector,
         )
+
+    def begin_observation(self, number: int, kind: str, of: str) -> None:
+        """Show the observation, by its number from 1, that is made of an object."""
+        self._progress = replace(self._progress, shot=number, purpose=kind, object=of)
+
+    def accept_observation(self, number: int) -> None:
+        """Count the observations up to this one."""
+        self._show(replace(self._progress, done=number, state=EngineState.IDLE))
 
     def enter(self, state: EngineState) -> None:
         """Show another state."""

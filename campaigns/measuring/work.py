@@ -18,6 +18,7 @@ from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Outcome, Stage
 from campaigns.journal.views import AcceptedShot
 from campaigns.measuring.gate import Gate
+from campaigns.measuring.instruments import Instrument
 from campaigns.measuring.monitors import Station
 from campaigns.measuring.motion import Mover
 from campaigns.measuring.reference_poses import ReferenceNoise
@@ -89,6 +90,8 @@ class Cell:
     """Function that shows the operator a task, and returns whether he confirms that it is done."""
     carry: Callable[[str], None] | None = None
     """Function that carries the reflector of a simulated cell to an object; None: somebody does."""
+    instrument: Instrument | None = None
+    """Instrument for observations, read by a person or simulated; None: no one is there to read."""
     beam_wait_s: float = UNATTENDED_BEAM_WAIT_S
     """Longest wait for a broken beam; infinite where an operator is there to place it."""
 

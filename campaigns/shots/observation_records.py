@@ -1,11 +1,14 @@
 """Observations of other kinds than points in the journal: a record for each imported file.
 
-Of each file name the latest record counts, so that a corrected file takes the place of the one
-before. A journal without such a record holds no observations.
+Of each file name the latest import counts, so that a corrected file takes the place of the one
+before. A run that measures the planned rows of a file writes a record for each, at once: they are
+added to what the journal has of the file, and a row that is measured again replaces its value. A
+journal without such records holds no observations.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from campaigns.errors import ObservationsInvalid
 from campaigns.journal.journal import Journal, JournalReader
@@ -15,14 +18,45 @@ from campaigns.shots.observations_csv import ObservationRow
 
 
 @dataclass(frozen=True, slots=True)
+class PlannedRow:
+    """Row of a file whose value a run measures."""
+
+    row: ObservationRow
+    """As it is planned, without a value."""
+    repeat: int = 0
+    """Number of equal rows before it in the file."""
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Return what makes it this row, wherever it stands in the file, to the file's digits."""
+        row = self.row
+        joints = tuple(round(value, FILE_DECIMALS) for pose in row.joints for value in pose)
+        return (row.kind, row.object, row.pair, row.purpose, joints, self.repeat)
+
+
+def planned_rows(rows: Iterable[ObservationRow]) -> tuple[PlannedRow, ...]:
+    """Return the rows of a file that have no value yet."""
+    planned: list[PlannedRow] = []
+    counts = Counter[tuple[object, ...]]()
+    for row in rows:
+        if row.is_planned:
+            first = PlannedRow(row)
+            planned.append(PlannedRow(row, counts[first.key]))
+            counts[first.key] += 1
+    return tuple(planned)
+
+
+@dataclass(frozen=True, slots=True)
 class RecordedFile:
-    """Imported file of observations."""
+    """Imported file of observations, or a single row of one that a run has measured."""
 
     name: str
     """Name of the file."""
     sha256: str
     """Digest of its bytes; "" if it was no file."""
     rows: tuple[ObservationRow, ...]
+    measured: PlannedRow | None = None
+    """Planned row that the one row is the measurement of; None: these are all rows of the file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,16 +86,53 @@ NO_OBSERVATIONS = RecordedObservations()
 
 def recorded_observations(journal: JournalReader) -> RecordedObservations:
     """Return the observations of a journal; raise `FindingUnreadable` for those it cannot read."""
-    files: dict[str, RecordedFile] = {}
+    imported: dict[str, RecordedFile] = {}
     entries = journal.findings("observations")
-    for entry in entries:
-        remedy = "import the file again: another version of the software wrote it"
-        file = read_body(entry.record.body, RecordedFile, "observations", remedy)
-        files.pop(file.name, None)  # the latest import stands last
-        files[file.name] = file
+    for file in _recorded_files(journal):
+        if file.measured is None:
+            imported.pop(file.name, None)  # the latest import stands last
+            imported[file.name] = file
+        else:
+            imported.setdefault(file.name, RecordedFile(file.name, "", ()))
     if not entries:
         return NO_OBSERVATIONS
-    return RecordedObservations(tuple(files.values()), entries[-1].number, entries[-1].at_utc)
+    files = tuple(
+        replace(file, rows=(*file.rows, *measured_rows(journal, name).values()))
+        for name, file in imported.items()
+    )
+    return RecordedObservations(files, entries[-1].number, entries[-1].at_utc)
+
+
+def measured_rows(journal: JournalReader, name: str) -> dict[tuple[object, ...], ObservationRow]:
+    """Return the rows of a file that runs have measured since its latest import.
+
+    By the keys of their planned rows; raise `FindingUnreadable`.
+    """
+    rows: dict[tuple[object, ...], ObservationRow] = {}
+    for file in _recorded_files(journal):
+        if file.name != name:
+            continue
+        if file.measured is None:
+            rows.clear()
+        else:
+            (rows[file.measured.key],) = file.rows
+    return rows
+
+
+def _recorded_files(journal: JournalReader) -> Iterator[RecordedFile]:
+    """Yield all records of observations in their order; raise `FindingUnreadable`."""
+    remedy = "import the file again: another version of the software wrote it"
+    for entry in journal.findings("observations"):
+        yield read_body(entry.record.body, RecordedFile, "observations", remedy)
+
+
+def append_measured(
+    journal: Journal, name: str, planned: PlannedRow, measured: ObservationRow
+) -> None:
+    """Write the measurement of a file's planned row into the journal, durably."""
+    recorded = RecordedFile(name, "", (measured,), planned)
+    body = adapter_of(RecordedFile).dump_python(recorded, mode="json")
+    journal.append(Finding("observations", body))
 
 
 def append_observations(

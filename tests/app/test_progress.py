@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from app.progress import CountedWork, interval
-from app.run_screen import RunLines, RunScreen, certainty, line_of, summary
+from app.run_screen import GOOD, RunLines, RunScreen, certainty, line_of, state_of, summary
 from campaigns.measuring.run_state import EngineState, PositionUncertainty, Progress
 from drivers.errors import RobotStateUnknown
 
@@ -30,6 +30,16 @@ NOW = datetime(2026, 3, 2, 14, 30, tzinfo=UTC)
             line_of,
             replace(AT_WORK, purpose="drift"),
             "12/59 · 3–5 min left · measuring drift 12 · residual 0.012 mm · drift 0.004 mm",
+        ),
+        (
+            line_of,
+            replace(AT_WORK, object="half 2", eta_s=None, drift_mm=None),
+            "12/59 · measuring identification 12 (half 2) · residual 0.012 mm",
+        ),
+        (
+            state_of,
+            replace(AT_WORK, object="bed", purpose="height", counted="observation"),
+            ("measuring observation 12 (height, bed)", GOOD),
         ),
         (certainty, KNOWN, "positions ±0.006 mm (1 σ) · weakest length arm2.z_mm ±0.021 mm"),
         (summary, DONE, "59 of 59 shots · finished · residual 0.010 mm · drift 0.002 mm"),

@@ -126,6 +126,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
     walk(CampaignState())
     walk(CampaignState(planned=True, before=True, misplaced="1 m off"))
     walk(CampaignState(offline=True))
+    walk(CampaignState(to_observe=True))
     walk(CampaignState(offline=True, objects=True))
     for left in ("run", "anew"):
         walk(CampaignState(**MEASURED, unmeasured=left))  # type: ignore[arg-type]
