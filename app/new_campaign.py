@@ -16,8 +16,8 @@ from campaigns.kinematics.closed_chain import ClosedChain
 from campaigns.kinematics.implicit import ImplicitMechanism
 from campaigns.kinematics.parameters import Role
 from campaigns.planning.validation_plan import fitting_lines
-from campaigns.robots.program import PYTHON, Program, trust
 from campaigns.robots.printer_config import PRINTER
+from campaigns.robots.program import PYTHON, Program, trust
 from campaigns.robots.robot import (
     RobotDocument,
     RobotFile,

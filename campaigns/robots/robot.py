@@ -37,8 +37,8 @@ from campaigns.kinematics.mechanism import Mechanism
 from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import Parameters, stated_rates
 from campaigns.kinematics.transmission import STEEPEST_ERROR
-from campaigns.robots.program import PYTHON, find_mechanism
 from campaigns.robots.printer_config import PRINTER, PrinterConfig
+from campaigns.robots.program import PYTHON, find_mechanism
 from campaigns.robots.reach import middle_of_reach_mm
 from campaigns.robots.schema import SCHEMA, RobotContents, Tolerance, contents_model
 from drivers.bounded_files import is_there
