@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from campaigns.arrays import Array, Index, Mask
+from campaigns.arrays import Array, Index
 from campaigns.fit.error_model import Observations
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.fit.fit import fit_model
@@ -24,7 +24,6 @@ from campaigns.identification.result import IdentificationResult
 from campaigns.identification.without_points import identify_without_points
 from campaigns.robots.printer_config import PrinterConfig, Tower
 from campaigns.robots.robot import RobotFile, parse_robot
-from campaigns.settings.sections import GateConfig
 from pkmcal import sample_workspace
 
 FOLDER = Path(__file__).parent / "data"
@@ -183,14 +182,11 @@ def calibrate_lists() -> list[ListFigures]:
             readings["center_distance", k] - readings["center_width", CENTRE_WIDTHS[k]]
             for k in range(6)
         ] + [readings["outer_distance", k] - readings["outer_width", k] for k in range(6)]
-        values = np.array(apart)
-        # as for points: what is so far from the nominal robot is no measurement of it
-        is_gross = np.abs(values - NOMINAL_MM) > GateConfig().distance_mm
         measured = Measured(
-            kind="distance", object=part, joints=joints[~is_gross], values=values[~is_gross],
+            kind="distance", object=part, joints=joints, values=np.array(apart),
             std_mm=CALLIPER_STD_MM,
         )  # fmt: skip
-        figures.append(_of_list(name, robot, measured, is_gross))
+        figures.append(_of_list(name, robot, measured))
     return figures
 
 
@@ -204,7 +200,7 @@ def _ends() -> Array:
     return np.concatenate([centre, outer])
 
 
-def _of_list(name: str, robot: RobotFile, measured: Measured, is_gross: Mask) -> ListFigures:
+def _of_list(name: str, robot: RobotFile, measured: Measured) -> ListFigures:
     """Return the figures of a list; the fit itself states the plastic, the result does not."""
     result = _identify(robot, [measured], "position")
     rods = [result.value.parameters[f"arm{arm}.forearm_mm"] for arm in range(3)]
@@ -216,13 +212,11 @@ def _of_list(name: str, robot: RobotFile, measured: Measured, is_gross: Mask) ->
     fit = fit_model(model, replace(nothing, blocks=kinds.fitted))
     (slot,), place = kinds.slots, fit.model.effect_places[-1]
     shrinkage, std = slot.values(fit.at.x[place]), np.sqrt(fit.covariance[place, place].diagonal())
-    is_wrong = is_gross.copy()
-    is_wrong[~is_gross] = fit.good_of_others[0] < GOOD
     return ListFigures(
         name,
         tuple((rod.value, rod.std or 0.0) for rod in rods),
         (100.0 * float(shrinkage[0]), 100.0 * float(slot.std[0] * std[0])),
-        tuple(np.flatnonzero(is_wrong).tolist()),
+        tuple(np.flatnonzero(fit.good_of_others[0] < GOOD).tolist()),
         result.judgement.verdict,
     )
 
