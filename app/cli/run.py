@@ -18,7 +18,7 @@ from campaigns.measuring.work import Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.shots.observations_csv import FILE_NAME
-from campaigns.workflow.observation_run import planned_observations
+from campaigns.workflow.observation_run import doubt_of, planned_observations
 from campaigns.workflow.running import predicted_end, run_preview, run_work, state_by_journal
 from drivers.bounded_files import is_there
 
@@ -111,6 +111,8 @@ def measure_observations(
     terminal.say(f"measured: {observed.measured} observations, also written to {FILE_NAME}")
     for skipped in observed.skipped:
         terminal.say(f"not measured: {skipped}", WARNING)
+    if doubt := doubt_of(campaign):
+        terminal.say(f"implausible: {doubt}", WARNING)
     return observed
 
 

@@ -5,6 +5,9 @@
 # is killed between both loses nothing: the next one finds the row measured, and writes the file.
 
 from campaigns.campaign import Campaign, now_utc
+from campaigns.errors import ObservationsInvalid
+from campaigns.identification.observed import objects_of
+from campaigns.identification.plausible_observations import check_observations
 from campaigns.journal.journal import Journal
 from campaigns.measuring.observing import ObservationWork
 from campaigns.shots.observation_records import (
@@ -63,6 +66,23 @@ def fill_in(campaign: Campaign, journal: Journal) -> None:
     if filled != rows:
         path = campaign.path(FILE_NAME)
         write_observations(path, filled, campaign.robot.mechanism, overwrite=True)
+
+
+def doubt_of(campaign: Campaign) -> str:
+    """Return why the values that runs have read cannot be this robot's, in words; "" if they can.
+
+    Units and signs are those of the instrument's display, which people mistake all alike.
+    """
+    with campaign.journal_reader() as journal:
+        rows = tuple(measured_rows(journal, FILE_NAME).values())
+    if not rows:
+        return ""
+    objects, limit_mm = objects_of(campaign.config.objects), campaign.config.gate.distance_mm
+    try:
+        check_observations(campaign.robot.kinematics, rows, objects, limit_mm, FILE_NAME)
+    except ObservationsInvalid as error:
+        return error.problem
+    return ""
 
 
 def _rows(campaign: Campaign) -> tuple[ObservationRow, ...]:

@@ -28,8 +28,8 @@ IDENTIFICATION_KEYS = {
     ),
     *("hold_out", "findings", "frame", "sessions", "reference_degC", "posterior"),
     *("verdict", "reasons", "obstacles", "seconds"),
-    *("series", "shots", "asked", "robot_digest", "plan_digest", "journal_digest"),
-    *("journal_records", "at_utc", "settings", "pedigree"),
+    *("series", "shots", "observations", "asked", "robot_digest", "plan_digest"),
+    *("journal_digest", "journal_records", "at_utc", "settings", "pedigree"),
 }
 DRY_RUN_KEYS = {
     *NEXT,

@@ -1,6 +1,7 @@
 """`run` measures what observations.csv plans: in the simulated cell, and by an operator's hand."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from test_by_hand import BY_HAND, Operator
 
 from campaigns.campaign import open_campaign
 from campaigns.journal.journal import read_journal
-from campaigns.shots.observation_records import recorded_observations
+from campaigns.shots.observation_records import append_measured, recorded_observations
 from campaigns.shots.observations_csv import ObservationRow, read_observations, write_observations
 from campaigns.workflow import observation_run
 
@@ -95,6 +96,18 @@ def test_without_a_plan_observations_are_measured_alone_and_once(pkmcal, tiny):
     again = pkmcal("run", tiny, "--yes")
     assert "plan.csv" in again.error_line  # nothing is left, and there are no shots
     assert records_of(tiny) == 6
+
+
+def test_values_read_in_centimetres_are_doubted(planned):
+    campaign = with_observations(planned, ("height",) * 8)
+    planned_rows = observation_run.planned_observations(campaign)
+    with campaign.journal() as journal:
+        for row in planned_rows:
+            pose = campaign.robot.kinematics.forward(row.row.joints).values[0]
+            height_cm = 0.1 * (pose[2] + 900.0)
+            append_measured(journal, "observations.csv", row, replace(row.row, values=(height_cm,)))
+    assert "look like" in observation_run.doubt_of(campaign)
+    assert not observation_run.planned_observations(campaign)
 
 
 class Killed(BaseException):
