@@ -28,6 +28,7 @@ from campaigns.controllers.active_kinematics import HeldParameters, joints_of_po
 from campaigns.controllers.issuer import IDENTITY, is_foreign
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing, WriteFailed
 from campaigns.files.text_file import replace_text
+from campaigns.fit.kinds import KINDS
 from campaigns.identification.observed import objects_of
 from campaigns.measuring.instruments import Instrument, Task
 from campaigns.measuring.reflector_places import ReflectorPlace
@@ -313,8 +314,8 @@ def _read_instrument(campaign: Campaign, cell: InProcessCell, task: Task) -> tup
     )
     values = cell.cell.read_instrument(task.kind, item, task.std_mm, now_s)
     return tuple(
-        math.degrees(value) if name.endswith("_deg") else value
-        for name, value in zip(task.columns, values, strict=True)
+        math.degrees(value) if is_angle else value
+        for is_angle, value in zip(KINDS[task.kind].angles, values, strict=True)
     )
 
 

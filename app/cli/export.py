@@ -11,8 +11,7 @@ from app.console import Terminal
 from app.next import tell_next
 from app.options import Force
 from campaigns.campaign import Campaign
-from campaigns.controllers.delta_firmware import FIRMWARE
-from campaigns.kinematics.catalog import LINEAR_DELTA
+from campaigns.controllers.delta_firmware import FIRMWARE, has_firmware
 from campaigns.workflow import exporting
 
 Format = Literal["yaml", "linuxcnc", "plain", "klipper", "marlin", "reprap", "shots"]
@@ -83,7 +82,7 @@ def command(
         path, robot = exporting.export(campaign, to, overwrite=force)
         if robot.remark:
             terminal.note(robot.remark)
-        if robot.mechanism.name == LINEAR_DELTA.name:
+        if has_firmware(robot.mechanism):
             terminal.note(f"for a printer's firmware: --format {', '.join(FIRMWARE)}")
     terminal.say(f"written: {path}")
     answer = ExportAnswer(path) if left_mm is None else PlainExportAnswer(path, left_mm)

@@ -34,6 +34,7 @@ from campaigns.fit.error_model import frame_columns
 from campaigns.fit.rigid_transforms import Transform, fit_transform
 from campaigns.fit.uncertainty import without_motions
 from campaigns.kinematics.catalog import LINEAR_DELTA
+from campaigns.kinematics.mechanism import Mechanism
 from campaigns.kinematics.model import Kinematics
 
 FirmwareWord = Literal["klipper", "marlin", "reprap"]
@@ -125,6 +126,11 @@ class Touches:
     """Measured heights of the nozzle above it, (M,)."""
 
 
+def has_firmware(mechanism: Mechanism) -> bool:
+    """Return whether the firmware of printers computes a mechanism."""
+    return mechanism.name == LINEAR_DELTA.name
+
+
 def project_firmware(
     identified: Kinematics, poses: Array, switch_mm: float, touches: Touches | None = None
 ) -> FirmwareProjection:
@@ -136,7 +142,7 @@ def project_firmware(
     can take too few of the poses, or the firmware's cannot be assembled at its joints.
     """
     mechanism, columns = identified.mechanism, identified.mechanism.parameters.columns
-    if mechanism.name != LINEAR_DELTA.name:
+    if not has_firmware(mechanism):
         raise IdentificationRefused(
             f"firmware of printers computes no {mechanism.name}, but upright towers alone",
             remedy="`pkmcal export DIR` writes a robot file, --format plain one of plain values",

@@ -101,6 +101,11 @@ class Kind:
         return self.by_tracker and not self.one_row
 
     @property
+    def angles(self) -> tuple[bool, ...]:
+        """Whether each of its values is an angle, deg in files, and no length."""
+        return tuple(column in TURNS_DEG for column in self.columns)
+
+    @property
     def points(self) -> tuple[slice, ...]:
         """Places among the values of the points that a tracker took."""
         starts = [n for n, column in enumerate(self.columns) if column in ("x_mm", "x2_mm")]
@@ -312,6 +317,8 @@ def _inclinometer(values: Array, bodies: Sequence[Bodies], slots: Array) -> Arra
 
 POINT, SECOND = (tuple(f"{axis}{of}_mm" for axis in AXES) for of in ("", "2"))
 VALUE = ("value_mm",)
+TURNS_DEG = ("rx_deg", "ry_deg", "rz_deg")
+"""Columns of values that are angles."""
 KINDS: Mapping[str, Kind] = {
     kind.name: kind
     for kind in (
@@ -326,7 +333,7 @@ KINDS: Mapping[str, Kind] = {
              (FIRST_PLACE, PLACE), ("position", "rotation"), bodies=2, by_tracker=True),
         Kind("span", "distance of a reflector between two poses", _span, POINT + SECOND, (PLACE,),
              ("position",), bodies=2, poses=2, by_tracker=True, one_row=True),
-        Kind("probe", "pose of a probe", _probe, (*POINT, "rx_deg", "ry_deg", "rz_deg"),
+        Kind("probe", "pose of a probe", _probe, (*POINT, *TURNS_DEG),
              (PLACE, TURN), ("position", "rotation"), by_tracker=True),
         Kind("ball-bar", "reading of a bar from a fixed ball", _ball_bar, VALUE,
              (CENTRE, PLACE, LENGTH)),
@@ -334,7 +341,7 @@ KINDS: Mapping[str, Kind] = {
              ("position",)),
         Kind("edge", "reading of a gauge along a straight edge or a face", _edge, VALUE,
              (FACE, AXIS, TIP)),
-        Kind("inclinometer", "tilts of an inclinometer", _inclinometer, ("rx_deg", "ry_deg"),
+        Kind("inclinometer", "tilts of an inclinometer", _inclinometer, TURNS_DEG[:2],
              (GRAVITY, TURN)),
     )
 }  # fmt: skip

@@ -86,9 +86,8 @@ def _seen_from(nominal: Kinematics, thing: Object) -> Kinematics:
 
 def _check_values(row: ObservationRow, where: str) -> None:
     """Raise `ObservationsInvalid` for a length or σ beyond what instruments measure."""
-    columns = KINDS[row.kind].columns
-    lengths = [v for v, name in zip(row.values, columns, strict=True) if name.endswith("_mm")]
-    of_value = [(value, "its value", DISTANCE.most) for value in lengths]
+    marked = zip(row.values, KINDS[row.kind].angles, strict=True)
+    of_value = [(value, "its value", DISTANCE.most) for value, is_angle in marked if not is_angle]
     for value, what, most in (*of_value, (row.std_mm, "its σ", SIGMA.most)):
         if abs(value) > most:
             raise ObservationsInvalid(
@@ -149,8 +148,7 @@ def _readings(measured: Sequence[Measured]) -> Iterator[tuple[str, Sequence[Meas
 
 def _scaled(group: Measured, factor: float) -> Array:
     """Return values (M, v) with their lengths multiplied by a factor."""
-    is_length = [name.endswith("_mm") for name in KINDS[group.kind].columns]
-    return np.asarray(group.values * np.where(is_length, factor, 1.0))
+    return np.asarray(group.values * np.where(KINDS[group.kind].angles, 1.0, factor))
 
 
 def _misfit(kinds: OtherKinds, nominal: Kinematics) -> float:

@@ -166,5 +166,5 @@ def _pose_text(axes: Sequence[Axis], pose: Sequence[float]) -> str:
 
 def _inner(row: ObservationRow, answer: Sequence[float]) -> tuple[float, ...]:
     """Return values in mm and rad from those in the units of the kind's columns."""
-    named = zip(KINDS[row.kind].columns, answer, strict=True)
-    return tuple(radians(value) if name.endswith("_deg") else value for name, value in named)
+    marked = zip(KINDS[row.kind].angles, answer, strict=True)
+    return tuple(radians(value) if is_angle else value for is_angle, value in marked)

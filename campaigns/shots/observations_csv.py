@@ -24,7 +24,7 @@ from campaigns.files.csv_file import (
 )
 from campaigns.files.text_file import read_text, write_text_unless_there
 from campaigns.files.wording import shown, suggestion
-from campaigns.fit.kinds import KINDS, Kind
+from campaigns.fit.kinds import KINDS, TURNS_DEG, Kind
 from campaigns.kinematics.mechanism import Mechanism
 from campaigns.shots import columns
 from campaigns.shots.shot_sets import ShotSet
@@ -154,10 +154,7 @@ def _form(mechanism: Mechanism) -> CsvForm:
             CsvColumn(KIND, required=True),
             CsvColumn(OBJECT, required=True),
             *columns.columns_of(mechanism.joints),
-            *(
-                (angle_column if name.endswith("_deg") else number_column)(name)
-                for name in measured
-            ),
+            *((angle_column if name in TURNS_DEG else number_column)(name) for name in measured),
             number_column(STD, required=True),
             CsvColumn(PAIR),
             CsvColumn("set"),

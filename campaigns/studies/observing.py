@@ -257,7 +257,7 @@ def _expected(kind: Kind, poses: Array, cell: Cell) -> Array:
     for number, where in enumerate(kind.points):
         at = poses[:, min(number, kind.poses - 1), : len(AXES)]
         values[:, where] = at - cell.region.view_from_mm
-    turns = [place for place, name in enumerate(kind.columns) if name.endswith("_deg")]
+    turns = np.flatnonzero(kind.angles).tolist()
     if turns:
         axes = cell.robot.kinematics.mechanism.tool_axes(poses[:, 0])
         values[:, turns] = scipy.spatial.transform.Rotation.from_matrix(axes).as_rotvec()

@@ -1,8 +1,9 @@
 """Only kinematics and its robot files know a mechanism: nothing else names it or its shape.
 
 Looked through are the work, the door and the part of the instruments that any robot speaks.
-Kinematics, robot files, what names the pins of our kinematics module for LinuxCNC, and
-the simulated cell, which is built of one mechanism's parts, are left out.
+Kinematics, robot files, what names the pins of our kinematics module for LinuxCNC, what reads and
+writes the files of printers' firmware, and the simulated cell, which is built of one mechanism's
+parts, are left out.
 """
 
 import re
@@ -24,6 +25,8 @@ LEFT_OUT = (
     "campaigns/kinematics/",
     "campaigns/controllers/linuxcnc_export.py",
     "drivers/linuxcnc_bridge.py",
+    "campaigns/controllers/delta_firmware.py",
+    "campaigns/robots/printer_config.py",
 )
 
 TELLTALE = {
@@ -48,6 +51,8 @@ ALLOWED = (
     ("app/cli/import_shots.py", "name,q0_deg…q3_deg,pair,set", EXAMPLE),
     ("app/report/figures.py", 'GREEK = {"theta": "θ"}', LETTER),
     ("app/cli/import_shots.py", "and may go on with set, theta_deg", EXAMPLE),
+    ("app/new_campaign.py", "or a Delta printer's printer.cfg", EXAMPLE),
+    ("app/cli/export.py", "the firmware of a Delta printer", EXAMPLE),
     ("campaigns/identification/result.py", '["delta"] = parameter.delta', "a parameter's change"),
     ("drivers/values.py", "theta_rad: float | None = None", POSE),
     ("drivers/values.py", "if self.theta_rad is None", POSE),
