@@ -6,7 +6,7 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from campaigns.arrays import Array, Mask
+from campaigns.arrays import Array, Index, Mask
 from campaigns.kinematics.axes import Interval, outside
 from campaigns.kinematics.mechanism import Margins, Mechanism
 
@@ -150,7 +150,7 @@ class Feasibility:
 def feasibility(mechanism: Mechanism, p: Array, limits: Limits, poses: Array) -> Feasibility:
     """Judge poses (N, t) by reach, assembly mode, limits, swing and distance from singularities."""
     joints, is_solved = mechanism.inverse(p, poses)
-    margins = path_feasibility(mechanism, p, limits, joints, poses)
+    margins = path_feasibility(mechanism, p, limits, (joints, poses))
     is_beyond = outside(joints, limits.joint).any(axis=1)
     violations = (
         margins.violations
@@ -165,26 +165,50 @@ def feasibility(mechanism: Mechanism, p: Array, limits: Limits, poses: Array) ->
     return replace(margins, violations=violations.astype(np.uint8))
 
 
-# Rows out of reach are NaN, which violates none of these limits.
+# Each limit is a column of excesses: 0 at the limit, positive beyond it. Rows out of reach are NaN,
+# which is beyond none.
 def path_feasibility(
-    mechanism: Mechanism, p: Array, limits: Limits, joints: Array, poses: Array
+    mechanism: Mechanism,
+    p: Array,
+    limits: Limits,
+    passed: tuple[Array, Array],
+    starts: Index | None = None,
 ) -> Feasibility:
-    """Judge poses (N, t) passed at known joints (N, n), whose limits do not count."""
+    """Judge known joints (N, n) and their poses (N, t) without limits of joints.
+
+    `starts` (N,) are the rows at which each one's way begins. A way that begins beyond a limit
+    violates it where it goes further beyond than it was there: a robot that stands there can leave.
+    """
+    joints, poses = passed
     margins = mechanism.margins(p, joints, poses)
-    is_beyond = np.zeros(len(poses), dtype=bool)
-    for column, interval in zip(poses.T, limits.task, strict=True):
-        if interval is not None:
-            is_beyond |= outside(column, interval)
-    is_singular = margins.singular_value < limits.singularity_margin
-    is_singular |= margins.elbow < limits.elbow_margin
-    swings_too_far = (np.abs(margins.swing_rad) > limits.forearm_swing_rad).any(axis=1)
-    violations = (
-        is_beyond * int(Violation.TASK_LIMIT)
-        | margins.is_above * int(Violation.ABOVE_ELBOWS)
-        | swings_too_far * int(Violation.SWING_LIMIT)
-        | is_singular * int(Violation.SINGULAR)
-    )
-    return Feasibility(mechanism, limits, poses, joints, margins, violations.astype(np.uint8))
+    swing = np.abs(margins.swing_rad) - limits.forearm_swing_rad
+    excess = {
+        Violation.TASK_LIMIT: _beyond_task(poses, limits),
+        Violation.ABOVE_ELBOWS: margins.is_above[:, None].astype(float),
+        Violation.SWING_LIMIT: swing,
+        Violation.SINGULAR: np.column_stack(
+            [
+                limits.singularity_margin - margins.singular_value,
+                limits.elbow_margin - margins.elbow,
+            ]
+        ),
+    }
+    violations = np.zeros(len(poses), dtype=np.uint8)
+    for violation, beyond in excess.items():
+        allowed = 0.0 if starts is None else np.maximum(beyond[starts], 0.0)
+        violations |= (beyond > allowed).any(axis=1) * np.uint8(violation)
+    return Feasibility(mechanism, limits, poses, joints, margins, violations)
+
+
+def _beyond_task(poses: Array, limits: Limits) -> Array:
+    """Return how far poses (N, t) are beyond both ends of each limit of the task, (N, 2 L)."""
+    columns = [
+        beyond
+        for value, interval in zip(poses.T, limits.task, strict=True)
+        if interval is not None
+        for beyond in (interval[0] - value, value - interval[1])
+    ]
+    return np.stack(columns, axis=1) if columns else np.empty((len(poses), 0))
 
 
 # Poses are drawn from this box and rejected outside of the reach, so it may be too large but not

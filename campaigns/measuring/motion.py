@@ -66,8 +66,8 @@ class Mover:
         """Take the step's way and settle at its end; `entering` gets each new state.
 
         Before anything moves raise `TargetOutOfReach` if no safe way is known, or `JogRequired` if
-        the robot stands where it may not be. At any time raise `NotSettled`, `Interrupted` or a
-        driver's error.
+        none leads out of where the robot may not be. At any time raise `NotSettled`, `Interrupted`
+        or a driver's error.
         """
         here = self._await_rest()
         way = self._way_of(self._standing_joints(here), step)
@@ -190,8 +190,8 @@ class Mover:
 
     def _safe_legs(self, here: Joints, target: Joints, name: str) -> list[Joints]:
         """Return the legs of a safe way; raise `JogRequired` or `TargetOutOfReach`."""
-        # Two errors with two remedies: a robot that stands outside its space can go nowhere, and
-        # the run ends; one that only finds no way to this target goes on with the next.
+        # Two errors with two remedies: a robot that has no way out of where it may not be can go
+        # nowhere, and the run ends; one without a way to this target goes on with the next.
         legs = self._model.legs(here, target)
         if legs is None and (fault := self._model.standing_fault(here)):
             raise JogRequired(

@@ -4,19 +4,21 @@ A robot that is commanded to joints moves them in proportion (a coordinated move
 are both allowed may be joined by a way that is not, so each move is sampled:
 
 1. The mechanism, every 5° of the joint that turns furthest: it can be assembled, keeps its limits
-   of turn and swing, and stays clear of singularities. A pose that is only passed may go a little
-   further than a pose that is measured.
+   of turn and swing, and stays clear of singularities.
 2. In a restricted space, the plate: on the coordinated way, sampled so finely that it is nearly
    straight between samples, and on straight lines between points of the way as well. A move that is
    commanded by pose may become any of these: which one is the controller's choice.
-3. A move that is not safe is replaced by a detour: through one pose or several between its ends and
+3. A robot may stand beyond a limit or wall: parameters that were loaded place it elsewhere than
+   those before, or somebody has jogged it. So no margin of a move may be smaller than the limit or
+   the margin where the move begins, whichever is less: it can leave, but go no further.
+4. A move that is not safe is replaced by a detour: through one pose or several between its ends and
    the workspace's centre, few poses first. The first that is safe throughout is taken.
 
 What comes out is a list of joint targets, or the reason and place of the first fault.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -36,14 +38,8 @@ PathFault = tuple[str, float]
 
 PATH_STEP_RAD = np.radians(5.0)
 """Largest turn of a joint between samples at which the mechanism is judged."""
-SLACK_RAD = np.radians(3.0)
-"""Excess of a passed pose over limits of turn and swing that is allowed; none where it measures.
-
-Over limits of x, y and z it is the travel that compares. A robot stands where the parameters before
-a load had it, which those after it place by some mm elsewhere: it must be able to leave.
-"""
-PASSING_SINGULARITY_MARGIN = 0.1
-"""Singularity margin of a passed pose: half that of a measured one."""
+ROUNDING_RAD = 1e-6
+"""Excess over a limit of turn, or of what compares, that rounded joints in files may cause."""
 SPACE_STEP_RAD = np.radians(1.0)
 """Largest turn of a joint between the first samples at which the plate is judged."""
 PARTS = (1, 2, 4, 8, 16)
@@ -56,8 +52,6 @@ CURVATURE_RESERVE = 2.0
 """Largest curvature between samples, over the curvature that the samples around have."""
 TOLERANCE_MM = 0.01
 """Distance beyond a wall that is ignored: poses may lie on the wall itself."""
-STANDING_MM = 1.0
-"""Depth beyond a wall at which a robot may stand, by its own joints, and still leave."""
 MOVES_AT_ONCE = 500
 """Number of joint moves that are judged together: it bounds the memory."""
 POINTS_AT_ONCE = 20_000
@@ -131,9 +125,7 @@ class RobotModel:
         solution = self.kinematics.forward(np.array([joints]))
         if not solution.is_solved[0]:
             return ""
-        point_mm = solution.values[:, :3]
-        is_deep = (self.space.clearance_mm(point_mm) < -STANDING_MM).any()
-        return self.space.fault(point_mm[0]) if is_deep else ""
+        return self.space.fault(solution.values[0, :3])
 
     def legs(self, here: Joints, there: Joints) -> list[Joints] | None:
         """Return joint targets of a safe way, `there` itself the last; None if none was found."""
@@ -185,15 +177,17 @@ class RobotModel:
         """Return the first fault of each move (M, n) by the mechanism and its limits."""
         task = zip(self.kinematics.mechanism.task, self.limits.task, strict=True)
         limited = ", ".join(axis.name for axis, limit in task if limit)
-        # 1. Judge all samples of all moves together; those that cannot be assembled have no pose.
+        # 1. Judge all samples of all moves together; those that cannot be assembled have no pose,
+        #    and a move with such a sample is faulty, whatever the others are.
         move, part = self._samples(starts, ends)
         joints = starts[move] + part[:, None] * (ends - starts)[move]
         solution = self.kinematics.forward(joints)
-        violations = np.zeros(len(joints), dtype=np.intp)
-        violations[solution.is_solved] = self._passing_violations(
-            joints[solution.is_solved], solution.values[solution.is_solved]
+        solved, place = solution.is_solved, np.cumsum(solution.is_solved) - 1
+        begins = place[np.searchsorted(move, move)]
+        violations = np.full(len(joints), int(Violation.OUT_OF_REACH))
+        violations[solved] = self._passing_violations(
+            joints[solved], solution.values[solved], begins[solved]
         )
-        violations[~solution.is_solved] = Violation.OUT_OF_REACH
         # 2. Of each faulty move take the gravest violation anywhere on it, where it begins.
         faults: list[PathFault | None] = [None] * len(starts)
         for faulty in np.unique(move[violations != 0]).tolist():
@@ -212,13 +206,13 @@ class RobotModel:
         part = np.concatenate([np.linspace(0.0, 1.0, count) for count in counts])
         return move, part
 
-    def _passing_violations(self, joints: Array, poses: Array) -> Index:
-        """Return the violations (N,) at poses (N, t) that are passed, not measured."""
-        slack = [-SLACK_RAD * axis.scale for axis in self.kinematics.mechanism.task]
-        wider = self.limits.narrowed_by(task=slack, swing_rad=-SLACK_RAD)
-        passing = replace(wider, singularity_margin=PASSING_SINGULARITY_MARGIN, elbow_margin=0.0)
+    def _passing_violations(self, joints: Array, poses: Array, starts: Index) -> Index:
+        """Return the violations (N,) at poses (N, t) of ways that begin at rows `starts` (N,)."""
+        rounding = [-ROUNDING_RAD * axis.scale for axis in self.kinematics.mechanism.task]
+        limits = self.limits.narrowed_by(task=rounding, swing_rad=-ROUNDING_RAD)
         kinematics = self.kinematics
-        passed = path_feasibility(kinematics.mechanism, kinematics.p, passing, joints, poses)
+        mechanism, p = kinematics.mechanism, kinematics.p
+        passed = path_feasibility(mechanism, p, limits, (joints, poses), starts)
         return passed.violations & PASSING_VIOLATIONS
 
     def _space_faults(self, starts: Array, ends: Array) -> list[PathFault | None]:
@@ -251,12 +245,8 @@ class RobotModel:
 
     def _least_clearance_mm(self, sampled: _SampledMoves) -> Array:
         """Return the clearance from each zone that moves need, (G, Z)."""
-        # None at all; or, where an end itself is a little beyond a wall, no less than that end has:
-        # a robot that stands there must be able to leave.
-        ends = sampled.points_mm[:, [0, -1]]
-        standing_mm = self.space.clearance_mm(ends.reshape(-1, 3)).reshape(len(ends), 2, -1)
-        least_mm: Array = np.clip(standing_mm.min(axis=1), -STANDING_MM, 0.0) - TOLERANCE_MM
-        return least_mm
+        starts_mm = self.space.clearance_mm(sampled.points_mm[:, 0])
+        return np.asarray(np.minimum(starts_mm, 0.0) - TOLERANCE_MM)
 
     def _first_zone(self, clearance_mm: Array, entered: Mask, steps: int) -> PathFault | None:
         """Return the first zone entered on lines (L, Z) of a move, its own steps first."""

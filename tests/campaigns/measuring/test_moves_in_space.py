@@ -1,4 +1,4 @@
-"""A robot that stands in a forbidden place is not moved by a run."""
+"""A robot that stands in a forbidden place is only moved out of it."""
 
 from pathlib import Path
 
@@ -14,10 +14,20 @@ from campaigns.planning.paths import RobotModel
 FLOOR = Zone("space.z_lowest_mm -720", Rectangle(), (-720.0, np.inf), keeps_in=True)
 
 
-def test_a_robot_in_a_forbidden_place_is_not_moved(tmp_path: Path) -> None:
+SHELF = Zone("shelf", Rectangle(), (-725.0, -700.0), keeps_in=False)
+
+
+def test_a_robot_below_the_floor_goes_up_and_measures(tmp_path: Path) -> None:
     cell = FakeCell()
     cell.robot.joints = joints_at(0.0, -100.0, -735.0, 0.0)
     robot = RobotModel(NOMINAL, LIMITS, CENTRE, RestrictedSpace((FLOOR,), 20.0, 5.0))
+    cell.run(tmp_path, work(FOUR_PAIRS, robot=robot))
+
+
+def test_a_robot_in_a_forbidden_place_without_a_way_out_is_not_moved(tmp_path: Path) -> None:
+    cell = FakeCell()
+    cell.robot.joints = joints_at(0.0, -100.0, -735.0, 0.0)
+    robot = RobotModel(NOMINAL, LIMITS, CENTRE, RestrictedSpace((FLOOR, SHELF), 20.0, 5.0))
     with pytest.raises(JogRequired) as caught:
         cell.run(tmp_path, work(FOUR_PAIRS, robot=robot))
     assert caught.value.problem == (

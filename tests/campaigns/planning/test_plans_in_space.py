@@ -24,7 +24,7 @@ from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.planning import paths
 from campaigns.planning.optimal_plan import OptimalRequest, make_optimal_plan
-from campaigns.planning.paths import STANDING_MM, RobotModel
+from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import PlanLimits, check_plan
 from campaigns.planning.plans import (
     SPACE_RESERVE_MM,
@@ -155,9 +155,9 @@ def test_a_pose_behind_a_sheet_is_planned_by_none_and_has_no_way_to_it():
     assert FENCED.safe_path(*(joints_at(*pose) for pose in poses)) is None
 
 
-def test_a_way_out_of_a_forbidden_place_is_none():
+def test_a_way_leads_out_of_a_forbidden_place_and_none_into_it():
     inside, there = joints_at(0, 150, -600, 0), joints_at(0, -50, -600, 0)
-    assert FENCED.safe_path(inside, there) is None
+    assert FENCED.safe_path(inside, there) is not None
     assert FENCED.safe_path(there, inside) is None
     told = FENCED.standing_fault(tuple(inside))
     assert told.startswith("the plate (radius 30 mm and margin 5 mm) is")
@@ -165,15 +165,14 @@ def test_a_way_out_of_a_forbidden_place_is_none():
     assert FENCED.standing_fault(tuple(there)) == ""
 
 
-def test_a_robot_that_reads_itself_a_little_beyond_a_wall_may_leave_it():
+def test_a_robot_beyond_a_wall_may_go_no_further():
     edge_mm = 150.0 - 10.0 - 35.0
-    away, little = joints_at(0, -50, -600, 0), joints_at(0, edge_mm + 0.5 * STANDING_MM, -600, 0)
-    further = joints_at(0, edge_mm + 2.0 * STANDING_MM, -600, 0)
-    assert FENCED.safe_path(little, away) is not None
-    assert FENCED.safe_path(further, away) is None
-    assert FENCED.fault(little, further) is not None, "but no deeper"
-    assert FENCED.safe_path(away, little) is not None, "back to where it was read"
-    assert FENCED.safe_path(away, further) is None
+    away, beyond = joints_at(0, -50, -600, 0), joints_at(0, edge_mm + 2.0, -600, 0)
+    further = joints_at(0, edge_mm + 3.0, -600, 0)
+    assert FENCED.fault(beyond, away) is None
+    assert FENCED.fault(further, beyond) is None
+    assert FENCED.fault(beyond, further) is not None
+    assert FENCED.safe_path(away, beyond) is None
 
 
 def test_moves_in_a_space_are_judged_together_as_one_by_one(monkeypatch):
