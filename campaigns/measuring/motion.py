@@ -12,11 +12,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf
 
+import numpy as np
+
 from campaigns.errors import Interrupted, JogRequired, NotSettled, TargetOutOfReach
 from campaigns.kinematics.axes import Axis
 from campaigns.measuring.run_state import EngineState
 from campaigns.planning.paths import Joints, RobotModel
 from campaigns.planning.steps import Step
+from campaigns.robots.robot import pose_row
 from campaigns.settings.sections import SettleConfig
 from drivers.errors import EmergencyStop, MotionFault
 from drivers.ports import Clock, RobotController
@@ -38,6 +41,16 @@ class Arrival:
     """Joints as they were read where the last leg of the way began; backlash depends on them."""
     move_s: float
     settle_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Target:
+    """Joints to which a robot is sent, and how far from them it may be in place."""
+
+    joints: Joints
+    play: Joints = ()
+    """Distance of each joint, rad or mm, by which a controller may take a pose differently; of a
+    command by joints ()."""
 
 
 class Mover:
@@ -71,7 +84,8 @@ class Mover:
         """
         here = self._await_rest()
         way = self._way_of(self._standing_joints(here), step)
-        return self._take_way(way, here, lambda: self._start(step), entering)
+        target = _Target(way[-1], self._play_of(step))
+        return self._take_way((way[:-1], target), here, lambda: self._start(step), entering)
 
     def return_to(
         self, joints: Joints, name: str, entering: Callable[[EngineState], None]
@@ -82,7 +96,10 @@ class Mover:
         """
         here = self._await_rest()
         way = self._safe_legs(self._standing_joints(here), joints, name)
-        return self._take_way(way, here, lambda: self._start_joints(joints), entering)
+        target = _Target(way[-1])
+        return self._take_way(
+            (way[:-1], target), here, lambda: self._start_joints(joints), entering
+        )
 
     def pause(self, seconds: float) -> None:
         """Wait; raise `Interrupted` as soon as the operator asks to stop."""
@@ -97,27 +114,27 @@ class Mover:
 
     def _take_way(
         self,
-        way: Sequence[Joints],
+        way: tuple[Sequence[Joints], _Target],
         last_stop: RobotState,
         start: Callable[[], None],
         entering: Callable[[EngineState], None],
     ) -> Arrival:
-        """Take the legs of a way, whose last one `start` begins, and settle at its end."""
+        """Pass the joints of a way to its target; `start` begins the last leg. Settle there."""
         # The robot halts at the end of each leg: the ways are checked leg by leg, and a controller
         # that blends two of them would cut the corner. Each leg has a deadline of its own.
         entering(EngineState.MOVING)
         started_s = self._clock.now_s()
-        for passed in way[:-1]:
+        stops, target = way
+        for passed in stops:
             self._start_joints(passed)
-            last_stop = self._await_arrival(passed, self._deadline_s())
+            last_stop = self._await_arrival(_Target(passed), self._deadline_s())
         start()
         deadline_s = self._deadline_s()  # of the last leg and the settling together
-        target = way[-1]
         self._await_arrival(target, deadline_s)
         arrived_s = self._clock.now_s()
         entering(EngineState.SETTLING)
         state = self._await_settled(target, deadline_s)
-        self._last_target = target
+        self._last_target = target.joints
         settle_s = self._clock.now_s() - arrived_s
         return Arrival(state, last_stop.joints, arrived_s - started_s, settle_s)
 
@@ -175,7 +192,9 @@ class Mover:
         # As read, they differ a little from the target. From the target itself the way is the one
         # that the plan was checked with.
         last = self._last_target
-        return last if last is not None and self._is_in_place(state, last) else state.joints
+        return (
+            last if last is not None and self._is_in_place(state, _Target(last)) else state.joints
+        )
 
     def _way_of(self, here: Joints, step: Step) -> list[Joints]:
         """Return the joint targets of a safe way, the last one being the step's."""
@@ -222,7 +241,7 @@ class Mover:
         self.check_stop()  # the last moment at which a wish to stop costs no motion
         self._robot.move_joints(target, self._speed_fraction)
 
-    def _await_arrival(self, target: Joints, deadline_s: float) -> RobotState:
+    def _await_arrival(self, target: _Target, deadline_s: float) -> RobotState:
         """Wait until the robot stands in place; return its state, or raise `NotSettled`."""
         # At rest and in place: a controller may report rest before the motion has begun, and a
         # robot that overshoots is in place for a moment while it moves.
@@ -233,10 +252,10 @@ class Mover:
             if not state.moving and self._is_in_place(state, target):
                 return state
             if is_late:
-                raise self._not_settled(self._why_not_there(state, target))
+                raise self._not_there(state, target)
             self._clock.sleep_s(MOVING_POLL_S)
 
-    def _await_settled(self, target: Joints, deadline_s: float) -> RobotState:
+    def _await_settled(self, target: _Target, deadline_s: float) -> RobotState:
         """Wait until the joints have been still, and in place, for the settling time.
 
         Return the state at its end; raise `NotSettled` after the deadline.
@@ -265,19 +284,52 @@ class Mover:
             if now_s < deadline_s:
                 continue
             if state.moving or not is_in_place:
-                raise self._not_settled(self._why_not_there(state, target))
+                raise self._not_there(state, target)
             give_up_s = min(give_up_s, now_s + self._settle.time_s)
             if now_s >= give_up_s:
                 raise self._not_settled(self._why_not_still(*last_motion))
 
-    def _is_in_place(self, state: RobotState, target: Joints) -> bool:
-        return _are_within(self._distances(state, target), self._settle.in_place_rad)
+    def _is_in_place(self, state: RobotState, target: _Target) -> bool:
+        return _are_within(self._distances_from(target, state), self._settle.in_place_rad)
 
-    def _not_settled(self, why: str) -> NotSettled:
-        return NotSettled(
-            f"{why}, {self._settle.timeout_s:g} s after the move began",
-            remedy="look for what holds or shakes the robot, then at `settle` in campaign.yaml",
-        )
+    def _not_there(self, state: RobotState, target: _Target) -> NotSettled:
+        """Return the error of a robot that is not in place, or still moves there."""
+        why = self._why_not_there(state, target)
+        if target.play and not state.moving:
+            return self._not_settled(
+                why,
+                remedy="see whether anything holds the robot; if not, its controller computes the "
+                "pose otherwise than by the parameters that it shows",
+            )
+        return self._not_settled(why)
+
+    def _not_settled(
+        self,
+        why: str,
+        remedy: str = "look for what holds or shakes the robot, then at `settle` in campaign.yaml",
+    ) -> NotSettled:
+        since = f"{self._settle.timeout_s:g} s after the move began"
+        return NotSettled(f"{why}, {since}", remedy=remedy)
+
+    def _play_of(self, step: Step) -> Joints:
+        """Return how far from the step's joints a controller may take its pose, rad or mm."""
+        # A plan has the joints of a pose in the middle of their lost motion. A controller that
+        # compensates it adds or takes off half of it, by the side from which each joint arrives.
+        # A way round, or a way that is taken up again, may arrive from another side than the plan.
+        if step.command == "joints":
+            return ()
+        kinematics, row = self._model.kinematics, pose_row(step.planned.pose)[None]
+        sides = np.ones((1, len(self._axes)))
+        above, below = (kinematics.inverse(row, side).values[0] for side in (sides, -sides))
+        return tuple((0.5 * np.abs(above - below)).tolist())
+
+    def _distances_from(self, target: _Target, state: RobotState) -> list[float]:
+        """Return the distance of each joint from where it is in place, in comparable radians."""
+        away = self._distances(state, target.joints)
+        if not target.play:
+            return away
+        play = (wide / axis.scale for axis, wide in zip(self._axes, target.play, strict=True))
+        return [max(0.0, far - wide) for far, wide in zip(away, play, strict=True)]
 
     def _distances(self, state: RobotState, others: Joints) -> list[float]:
         """Return the distance of each joint from another value, in comparable radians."""
@@ -286,8 +338,8 @@ class Mover:
         joints = zip(self._axes, state.joints, others, strict=True)
         return [abs(here - other) / axis.scale for axis, here, other in joints]
 
-    def _why_not_there(self, state: RobotState, target: Joints) -> str:
-        joint, away = _worst(self._distances(state, target))
+    def _why_not_there(self, state: RobotState, target: _Target) -> str:
+        joint, away = _worst(self._distances_from(target, state))
         limit = self._settle.in_place_rad
         if away <= limit:
             return "the controller still reports motion"

@@ -1,19 +1,23 @@
 """Moves by safe ways, and what counts as having arrived."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from fake_cell import FakeCell, rounded_deg
-from small_plans import OPEN, SETTLE, SPEED_FRACTION, commanded_as_pose, joints_at, planned
+from fake_cell import CENTRE, ROBOT, FakeCell, FakeRobot, rounded_deg
+from par4_space import par4
+from small_plans import LIMITS, OPEN, SETTLE, SPEED_FRACTION, commanded_as_pose, joints_at, planned
 
 from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
 from campaigns.measuring.motion import Arrival, Mover
 from campaigns.measuring.run_state import EngineState
+from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.steps import Step
+from campaigns.robots.robot import pose_row
 from campaigns.shots.shot_sets import ShotSet
 from drivers.errors import EmergencyStop
+from drivers.values import Pose
 
 NEAR = planned(7, ShotSet.ROTATION, None, 120.0, 40.0, -600.0, 0.1)
 
@@ -143,6 +147,42 @@ def test_joint_that_does_not_settle_is_named_with_value_and_limit(changes, said:
         go(cell, Step(NEAR, "joints"))
     assert said in caught.value.problem
     assert cell.clock.now_s() == pytest.approx(SETTLE.timeout_s, abs=SETTLE.time_s + 0.05)
+
+
+LOST_MOTION = par4({**ROBOT.parameters, **{f"arm{arm}.backlash_deg": 0.05 for arm in range(4)}})
+
+
+@dataclass
+class CompensatingRobot(FakeRobot):
+    """Its controller takes up lost motion: joints of a pose depend on where it comes from."""
+
+    def move_pose(self, pose: Pose, speed_fraction: float) -> None:
+        row = pose_row(pose)[None]
+        sides = np.sign(LOST_MOTION.inverse(row).values - self.true_joints())
+        self._move(LOST_MOTION.inverse(row, sides).values[0], speed_fraction)
+
+
+def test_a_pose_is_reached_from_each_side_of_a_lost_motion_that_the_controller_takes_up() -> None:
+    """Half of 0.05° is farther than a joint may be off its target; either side is in place."""
+    cell = FakeCell()
+    cell.robot = CompensatingRobot(cell.clock, cell.calls)
+    model = RobotModel(LOST_MOTION, LIMITS, CENTRE)
+    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, model, cell.wish)
+    off_deg = []
+    for place in (NEAR, planned(8, ShotSet.ROTATION, None, 0.0, 0.0, -520.0, -0.1), NEAR):
+        joints = LOST_MOTION.inverse(pose_row(place.pose)[None]).values[0]
+        step = commanded_as_pose(replace(place, joints=tuple(joints.tolist())))
+        arrival = mover.go(step, lambda _: None)
+        off_deg.append(np.degrees(arrival.state.joints - joints))
+    assert np.abs(off_deg) == pytest.approx(0.025)
+    cell.robot.off_target_rad = np.radians([0.0, 0.08, 0.0, 0.0])
+    with pytest.raises(NotSettled) as caught:
+        mover.go(step, lambda _: None)
+    assert "and stands there" in caught.value.problem
+    assert "its controller computes the pose otherwise" in str(caught.value.remedy)
+    cell.robot.off_target_rad = np.radians([0.0, 0.021, 0.0, 0.0])
+    with pytest.raises(NotSettled):
+        mover.go(replace(step, command="joints"), lambda _: None)
 
 
 def test_robot_that_stands_in_place_is_not_late_because_a_lid_was_closed() -> None:
