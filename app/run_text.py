@@ -38,9 +38,11 @@ def show_run(terminal: Terminal, ran: RunResult) -> None:
         terminal.say(ran.settling.text, "" if ran.settling.shots else WARNING)
     if ran.uncertainty is not None:
         terminal.say(f"after {ran.uncertainty.shots} shots: {certainty(ran.uncertainty)}")
+    if ran.changed:
+        terminal.say(f"not good: {ran.changed}", BAD)
     if ran.goal_mm is None:
         return
-    if ran.good:
+    if ran.reaches_goal:
         terminal.say(f"good: goal {ran.goal_mm:g} mm is met: {_reached(ran)}", GOOD)
     else:
         terminal.say(

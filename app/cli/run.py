@@ -33,6 +33,8 @@ class RunAnswer:
     knowledge: PositionUncertainty | None
     settling: Mapping[str, object] | None
     skipped: Sequence[Mapping[str, object]]
+    changed: str
+    """How the robot has changed by its reference poses; "" if it has not."""
 
 
 def command(
@@ -64,6 +66,8 @@ def command(
     Rows of observations.csv without a value come after the shots, or alone: the robot goes to their
     joints, and what the instrument shows is typed at the terminal. Each value is in the journal
     before the next motion, and in the file.
+
+    Exit code 1: the goal is not met, or the robot itself has changed by its reference poses.
 
     pkmcal run cell-3
     pkmcal run cell-3 --until 0.02 --retry 5 --yes
@@ -121,7 +125,7 @@ def run_answer(ran: RunResult) -> RunAnswer:
     goal = settling = None
     if ran.goal_mm is not None:
         reached_mm = ran.uncertainty and ran.uncertainty.position_std_mm
-        goal = {"std_mm": ran.goal_mm, "met": ran.good, "reached_mm": reached_mm}
+        goal = {"std_mm": ran.goal_mm, "met": ran.reaches_goal, "reached_mm": reached_mm}
         goal["left_out"] = ran.left_out
     if ran.settling is not None:
         settling = {"visits": ran.settling.shots, "says": ran.settling.text}
@@ -132,6 +136,7 @@ def run_answer(ran: RunResult) -> RunAnswer:
         knowledge=ran.uncertainty,
         settling=settling,
         skipped=[{"shots": shots, "reason": reason} for shots, reason in ran.skipped.items()],
+        changed=ran.changed,
     )
 
 

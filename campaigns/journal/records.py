@@ -57,6 +57,7 @@ EventKind = Literal[
     "shot skipped",
     "shots left out",
     "gone on anyway",
+    "robot changed",
 ]
 FindingKind = Literal[
     "identification",

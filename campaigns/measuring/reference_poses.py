@@ -69,6 +69,18 @@ class ReferenceNoise:
         return np.asarray(stated + self.point_mm**2 * np.eye(3) + of_joints)
 
 
+@dataclass(frozen=True, slots=True)
+class PoseComparison:
+    """Comparison of one set of poses, measured twice, in words."""
+
+    size: str
+    """By how much the measurements differ."""
+    change: str = ""
+    """What has changed; "" if noise explains the difference."""
+    is_robots: bool = False
+    """Whether no motion of the tracker, its stand or the base explains it."""
+
+
 def reference_poses(steps: Sequence[Step], kept: Sequence[Outcome]) -> tuple[ReferencePose, ...]:
     """Choose three or four accepted poses far from each other and not on a line.
 
@@ -121,11 +133,10 @@ def rigid_body_test(
     then: Sequence[Outcome],
     now: Sequence[Outcome],
     noise: ReferenceNoise,
-) -> tuple[str, str]:
-    """Return by how much two measurements of one set of poses differ, and what has changed.
+) -> PoseComparison:
+    """Compare two measurements of one set of poses.
 
-    Both are in words; the change is "" if noise explains the difference. `kept` are all accepted
-    shots, by which the directions of the tracker's axes are fitted.
+    `kept` are all accepted shots, by which the directions of the tracker's axes are fitted.
     """
     # 1. Displacement of each point, less the displacement that the nominal robot makes between the
     #    joints as read then and now, turned into the tracker's frame.
@@ -148,15 +159,15 @@ def rigid_body_test(
     seen = np.einsum("nab,nb->na", whitening, moved).ravel()
     chi2 = float(seen @ seen)
     size_mm = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
-    change = ""
+    change, is_robots = "", False
     if size_mm > noise.limit_mm or not _may_be_chance(chi2, seen.size, noise.freedom):
         causes = {"frame": frame_jacobian(points - points.mean(axis=0))}
         for joint, axis in enumerate(nominal.mechanism.joints):
             causes[axis.name] = by_joints[:, :, joint : joint + 1]
-        change = _explain(seen, whitening, causes, size_mm, nominal, noise.freedom)
+        change, is_robots = _explain(seen, whitening, causes, size_mm, nominal, noise.freedom)
     largest_mm = float(np.linalg.norm(moved, axis=1).max())
     size = f"reference poses differ by up to {largest_mm:.3f} mm (χ² = {chi2:.1f}, ν = {seen.size})"
-    return size, change
+    return PoseComparison(size, change, is_robots)
 
 
 def _explain(
@@ -166,16 +177,18 @@ def _explain(
     size_mm: float,
     nominal: Kinematics,
     freedom: float,
-) -> str:
+) -> tuple[str, bool]:
     """Return the causes that explain whitened displacements (3 N,), the likeliest first.
 
-    `causes` are columns (N, 3, k) by the name of a joint or "frame".
+    Return also whether "frame" is not among them. `causes` are columns (N, 3, k) by the name of a
+    joint or "frame".
     """
     # Each cause is fitted alone, and is possible if noise explains the remainder. Akaike's
     # criterion (1974) ranks them: squares plus twice the number of unknowns, so that a rigid motion
     # with its six does not win by their number. Causes that the poses cannot distinguish are all
     # named.
     possible: list[tuple[float, str]] = []
+    is_robots = True
     axes = {axis.name: axis for axis in nominal.mechanism.joints}
     for name, by_cause in causes.items():
         columns = np.einsum("nab,nbm->nam", whitening, by_cause).reshape(seen.size, -1)
@@ -187,19 +200,22 @@ def _explain(
             change = axes[name].text(float(size[0]), "+.3f")
             words = f"the encoder of joint {name} has changed by {change}"
         else:
+            is_robots = False
             words = (
                 f"the tracker, its stand or the robot's base has moved: the points by "
                 f"{size_mm:.3f} mm, turned by {np.degrees(np.linalg.norm(size[:3])):.4f}°"
             )
         possible.append((square + 2.0 * count, words))
     if not possible:
-        return (
+        words = (
             f"the robot has changed: the points moved by {size_mm:.3f} mm, and neither a motion of "
             "the tracker nor one encoder explains it"
         )
+        return words, is_robots
     possible.sort(key=lambda cause: cause[0])
     best, _ = possible[0]
-    return "; or ".join(words for score, words in possible if score <= best + LIKELY_WITHIN)
+    likely = (words for score, words in possible if score <= best + LIKELY_WITHIN)
+    return "; or ".join(likely), is_robots
 
 
 def _may_be_chance(square: float, count: int, freedom: float) -> bool:

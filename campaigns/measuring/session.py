@@ -46,11 +46,18 @@ class RunResult:
     """Reasons by the shots that could not be measured, or should not be."""
     settling: records.Event | None = None
     """Event that names the shots since which the robot has settled; None for too few of them."""
+    changed: str = ""
+    """How the robot itself has changed by its reference poses; "" if it has not."""
+
+    @property
+    def reaches_goal(self) -> bool:
+        """Return whether the goal is met, if there was one."""
+        return self.goal_mm is None or is_met(self.goal_mm, self.uncertainty)
 
     @property
     def good(self) -> bool:
-        """Return whether the goal is met, if there was one."""
-        return self.goal_mm is None or is_met(self.goal_mm, self.uncertainty)
+        """Return whether the goal is met, if there was one, and the robot has not changed."""
+        return self.reaches_goal and not self.changed
 
 
 def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
@@ -70,8 +77,11 @@ def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
     left_out = len(missing) - sum(map(len, skipped))
     uncertainty = work.uncertainty_from(measured.shots)
     settling = next((event for event in reversed(events) if event.kind == "settling"), None)
+    # The latest session's comparison counts. One that has gone on anyway does so at its end.
+    compared = [e for e in events if e.kind in {"robot changed", "gone on anyway", "resumed"}]
+    changed = compared[-1].text if compared and compared[-1].kind == "robot changed" else ""
     return RunResult(
-        series, len(measured.shots), left_out, work.goal_mm, uncertainty, skipped, settling
+        series, len(measured.shots), left_out, work.goal_mm, uncertainty, skipped, settling, changed
     )
 
 

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from functools import partial
 from math import dist
 
-from campaigns.journal.records import Event, Outcome
+from campaigns.journal.records import Event, EventKind, Outcome
 from campaigns.measuring.reference_poses import FEWEST_POSES, ReferencePose, rigid_body_test
 from campaigns.measuring.results import SKIPPED, Accepted, Lost, Skipped, failure_of
 from campaigns.measuring.shots import Shots
@@ -39,6 +39,7 @@ def measure_change(
     pairs = [(before, _measure_again(step, before, session, shots)) for step, before in references]
     then = [before for before, now in pairs if now is not None]
     again = [now for _, now in pairs if now is not None]
+    kind: EventKind = "drift check"
     # The operator has skipped so many that nothing can be tested: his decision, which is noted.
     if len(again) < min(FEWEST_POSES, len(references)):
         text = f"{when} it is not known whether anything has moved: {SKIPPED}"
@@ -54,10 +55,11 @@ def measure_change(
         work, gate = session.work, session.gate
         noise = work.noise_by(work.uncertainty_monitor.posterior(gate.of_robot))
         robot = gate.seen_from(gate.reflector)
-        size, change = rigid_body_test(robot, gate.of_reflector, then, again, noise)
-        has_changed = bool(change)
-        text = f"{when} {size}: {change or 'no change detected'}"
-    session.log.write(Event("drift check", text))
+        compared = rigid_body_test(robot, gate.of_reflector, then, again, noise)
+        has_changed = bool(compared.change)
+        kind = "robot changed" if compared.is_robots else kind
+        text = f"{when} {compared.size}: {compared.change or 'no change detected'}"
+    session.log.write(Event(kind, text))
     return text if has_changed else ""
 
 

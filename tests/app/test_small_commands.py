@@ -12,6 +12,7 @@ from app.console import Terminal
 from campaigns.campaign import open_campaign
 from campaigns.controllers.load import keep
 from campaigns.errors import OutputExists
+from campaigns.measuring.session import RunResult
 from campaigns.robots.robot import states_reflector
 from sim.scenarios.scenario import load_scenario
 
@@ -174,3 +175,18 @@ def test_folder_whose_name_is_no_utf_8_holds_a_campaign(tmp_path, pkmcal):
     assert ended.code == 0, ended.err
     assert r"\x4d\xfc\x6c" in ended.document["next"]
     assert pkmcal("status", folder, "--json").document["name"] == "M?ller"
+
+
+@pytest.mark.slow
+def test_a_run_after_which_the_robot_has_changed_ends_with_code_1(pkmcal, tmp_path, monkeypatch):
+    folder = tmp_path / "try"
+    prepare_campaign(folder, "paper-prototype", None)
+    assert pkmcal("plan", folder, "--shots", "20").code == 0
+    changed = "at the end reference poses differ by up to 1.999 mm: the robot has changed"
+    for text, code in (("", 0), (changed, 1)):
+        ran = RunResult(2, 40, 0, None, None, changed=text)
+        monkeypatch.setattr("app.cli.run.find_measured", lambda *_, ran=ran: ran)
+        answer = pkmcal("run", folder, "--yes")
+        assert answer.code == code
+        assert (f"not good: {changed}" in answer.out) is bool(text)
+        assert pkmcal("run", folder, "--json").document["changed"] == text

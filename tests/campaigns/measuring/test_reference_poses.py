@@ -43,12 +43,15 @@ def outcomes(
     ]
 
 
-def compared(then: list[Outcome], now: list[Outcome], noise: ReferenceNoise = NOISE):
+def comparison(then: list[Outcome], now: list[Outcome], noise: ReferenceNoise = NOISE):
     poses = reference_poses(STEPS, then)
     first = [first for _, first in poses]
     again = [now[step.planned.shot] for step, _ in poses]
-    _, change = rigid_body_test(NOMINAL, then, first, again, noise)
-    return change
+    return rigid_body_test(NOMINAL, then, first, again, noise)
+
+
+def compared(then: list[Outcome], now: list[Outcome], noise: ReferenceNoise = NOISE):
+    return comparison(then, now, noise).change
 
 
 def test_poses_are_spread_if_there_are_enough_off_a_line() -> None:
@@ -101,6 +104,17 @@ def test_grown_arm_is_neither_trackers_nor_an_encoders() -> None:
     grown = par4({**ROBOT.parameters, "arm2.forearm_mm": forearm_mm + 1.0})
     found = compared(outcomes(rng, NOMINAL), outcomes(rng, grown))
     assert found.startswith("the robot has changed: the points moved by")
+
+
+def test_only_what_no_motion_of_the_stand_explains_is_a_change_of_the_robot() -> None:
+    rng = np.random.default_rng(8)
+    then, still = outcomes(rng), outcomes(rng)
+    turn = from_paper_angles(np.array([1e-4, -5e-5, 0.0]), np.zeros(3)).rotation
+    moved = [replace(s, point_in_tracker_mm=tuple(turn @ s.point_in_tracker_mm)) for s in still]
+    slipped = outcomes(rng, slip_rad=(0.0, float(np.radians(0.3)), 0.0, 0.0))
+    both = [replace(s, point_in_tracker_mm=tuple(turn @ s.point_in_tracker_mm)) for s in slipped]
+    of_robot = [comparison(then, now).is_robots for now in (still, moved, slipped, both)]
+    assert of_robot == [False, False, True, True]
 
 
 def test_moved_farther_than_the_limit_and_scatter_of_few_shots_allow() -> None:
