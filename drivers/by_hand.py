@@ -77,6 +77,8 @@ def _answer(prompt: Prompt, question: str, read: Callable[[str], Read]) -> Read:
 class RobotByHand(RobotController):
     """A robot whose joints are those that a person reads off its display and types."""
 
+    shows_motion = False
+
     def __init__(self, surroundings: RobotSurroundings) -> None:
         self._settings = surroundings.settings_as(HandSettings)
         self._layout = surroundings.layout

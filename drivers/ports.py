@@ -30,6 +30,10 @@ class Clock(Protocol):
 class RobotController(Protocol):
     """A robot's controller. Every call has a deadline; `state` watches what `move_*` started."""
 
+    shows_motion: bool = True
+    """Whether `state` is that of the encoders while the robot moves. Not where a
+    person moves it and types where it stands."""
+
     def connect(self) -> None:
         """Open the wire and see who answers; raises `LinkDown`, `WireError` or `WrongDevice`.
 

@@ -1,18 +1,30 @@
-"""pkmcal devices: who answers, and in what state."""
+"""pkmcal devices: who answers, in what state, and whether a server keeps its promises."""
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
-from app.console import Terminal
+import typer
+
+from app.console import WARNING, Terminal
+from app.interrupt import StopRequest, stop_on_signals
 from app.next import tell_next
+from app.options import Yes
 from app.wiring import connections
 from campaigns.campaign import Campaign
+from campaigns.errors import OptionsInvalid
+from campaigns.measuring.first_contact import ContactTest
+from campaigns.settings.sections import BY_HAND
 from drivers.errors import DriverError
 from drivers.ports import LaserTracker, RobotController
 
+NO_WATCHDOG = (
+    "nothing was asked for 3 s, and the robot moved on: its controller has no watchdog. "
+    "docs/reference/robotline.md: if the robot moves and no valid line has come for 2 seconds, "
+    "stop it as for STOP"
+)
 Device = TypeVar("Device")
 Facts = Mapping[str, object]
 
@@ -23,16 +35,36 @@ class DevicesAnswer:
 
     controller: Facts
     tracker: Facts
+    motion: Facts | None
+    """Facts of the small motion that --move asks for."""
 
 
-def command(terminal: Terminal, campaign: Campaign) -> None:
-    """Connect to both devices and show their state; nothing moves.
+Move = Annotated[
+    bool,
+    typer.Option("--move", help="Move one joint by 5 % of its range and back, to test the server."),
+]
+
+
+def command(
+    terminal: Terminal, campaign: Campaign, *, move: Move = False, yes: Yes = False
+) -> None:
+    """Connect to both devices and show their state; nothing moves without --move.
 
     Connects to controller and tracker, one after the other, and shows identities, joints, faults,
     the tracker's start-up, beam, reflectors and weather. campaign.yaml needs some of these: serial
     numbers and the reflector's name. If one device fails, the other is still asked. Refused while
     a run is under way, which it would disturb.
+
+    --move is for the first contact with a controller's server. It asks first; then one joint moves
+    by 5 % of its range and back, slowly and by a checked way. Refused is a server that reports
+    targets for encoders, or rest during the motion. Nothing is asked for 3 s on the way back: a
+    warning says where no watchdog stops the robot then. Ctrl-C stops it at once.
     """
+    if move and campaign.config.controller.url == BY_HAND:
+        raise OptionsInvalid(
+            "--move: nothing but its operator moves this robot",
+            remedy="leave --move out; it tests controllers that pkmcal moves",
+        )
     # both are asked and shown before the first error is raised: a technician sees at once whether
     # one device is wrong or the network
     with campaign.held(), connections(campaign) as to:
@@ -44,8 +76,31 @@ def command(terminal: Terminal, campaign: Campaign) -> None:
         raise controller
     if isinstance(tracker, DriverError):
         raise tracker
+    motion = _motion(terminal, campaign, yes=yes) if move else None
     following = tell_next(terminal, campaign)
-    terminal.conclude(DevicesAnswer(controller, tracker), following)
+    terminal.conclude(DevicesAnswer(controller, tracker, motion), following)
+
+
+def _motion(terminal: Terminal, campaign: Campaign, *, yes: bool) -> Facts:
+    """Test the controller by a small motion, show what it was like, and return the facts."""
+    question = "One joint moves by 5 % of its range and back, slowly. Is the cell clear?"
+    terminal.require_yes(question, yes=yes)
+    stop, axes = StopRequest(), campaign.robot.mechanism.joints
+    ways = connections(campaign, stop, terminal.alarm)
+    with campaign.held(), stop_on_signals(stop), ways as to, to.robot() as robot:
+        robot.prepare()
+        clock, settle = to.interruptible(to.controller.clock), campaign.config.settle
+        contact = ContactTest(robot, clock, campaign.robot_model, settle, stop).move()
+    axis = axes[contact.joint]
+    facts = {
+        "joint": contact.joint,
+        f"travel_{axis.unit}": round(axis.to_file(contact.travel), 6),
+        "stops_unasked": contact.has_watchdog,
+    }
+    _show(terminal, "motion", facts)
+    if contact.has_watchdog is False:
+        terminal.say(NO_WATCHDOG, WARNING)
+    return facts
 
 
 def _show(terminal: Terminal, title: str, facts: Facts | DriverError) -> None:

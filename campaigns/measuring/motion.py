@@ -16,6 +16,7 @@ import numpy as np
 
 from campaigns.errors import Interrupted, JogRequired, NotSettled, TargetOutOfReach
 from campaigns.kinematics.axes import Axis
+from campaigns.measuring.motion_watch import MotionWatch
 from campaigns.measuring.run_state import EngineState
 from campaigns.planning.paths import Joints, RobotModel
 from campaigns.planning.steps import Step
@@ -41,6 +42,8 @@ class Arrival:
     """Joints as they were read where the last leg of the way began; backlash depends on them."""
     move_s: float
     settle_s: float
+    watch: MotionWatch
+    """Watch of the last leg."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,9 +111,9 @@ class Mover:
             self.check_stop()
             self._clock.sleep_s(min(left_s, POLL_S))
 
-    def require_sound(self) -> None:
-        """Raise `EmergencyStop` or `MotionFault` if the robot reports one."""
-        self._sound_state()
+    def require_sound(self) -> RobotState:
+        """Return the robot's state; raise `EmergencyStop` or `MotionFault` if it reports one."""
+        return self._sound_state()
 
     def _take_way(
         self,
@@ -126,17 +129,24 @@ class Mover:
         started_s = self._clock.now_s()
         stops, target = way
         for passed in stops:
+            watch = self._watch(last_stop, passed)
             self._start_joints(passed)
-            last_stop = self._await_arrival(_Target(passed), self._deadline_s())
+            last_stop = self._await_arrival(_Target(passed), self._deadline_s(), watch)
+        watch = self._watch(last_stop, target.joints)
         start()
         deadline_s = self._deadline_s()  # of the last leg and the settling together
-        self._await_arrival(target, deadline_s)
+        self._await_arrival(target, deadline_s, watch)
         arrived_s = self._clock.now_s()
         entering(EngineState.SETTLING)
         state = self._await_settled(target, deadline_s)
         self._last_target = target.joints
         settle_s = self._clock.now_s() - arrived_s
-        return Arrival(state, last_stop.joints, arrived_s - started_s, settle_s)
+        return Arrival(state, last_stop.joints, arrived_s - started_s, settle_s, watch)
+
+    def _watch(self, last_stop: RobotState, target: Joints) -> MotionWatch:
+        """Return a watch of the leg that is commanded next."""
+        ends = last_stop.joints, target
+        return MotionWatch(ends, self._axes, self._speed_fraction, self._clock.now_s())
 
     def has_moved(self, since: RobotState) -> bool:
         """Return whether the robot has left the place where it was read; raise its faults."""
@@ -241,14 +251,19 @@ class Mover:
         self.check_stop()  # the last moment at which a wish to stop costs no motion
         self._robot.move_joints(target, self._speed_fraction)
 
-    def _await_arrival(self, target: _Target, deadline_s: float) -> RobotState:
-        """Wait until the robot stands in place; return its state, or raise `NotSettled`."""
+    def _await_arrival(self, target: _Target, deadline_s: float, watch: MotionWatch) -> RobotState:
+        """Wait until the robot stands in place; return its state, or raise `NotSettled`.
+
+        Raise `ImplausibleAnswer` for readings that no robot can give.
+        """
         # At rest and in place: a controller may report rest before the motion has begun, and a
         # robot that overshoots is in place for a moment while it moves.
         while True:
             self.check_stop()
             is_late = self._clock.now_s() >= deadline_s
             state = self._sound_state()
+            if self._robot.shows_motion:
+                watch.see(state, self._clock.now_s())
             if not state.moving and self._is_in_place(state, target):
                 return state
             if is_late:

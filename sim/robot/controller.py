@@ -16,7 +16,7 @@ Encoders read whole steps, and they read the commanded joints: what gears add is
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -199,6 +199,8 @@ class SimulatedController:
         self._limits = section.limits(kind)
         self._speed_per_s = section.speed_per_s(kind)
         self._encoder_step = section.encoder_step(kind)
+        self._lies = section.lies
+        self.watchdog_s = section.watchdog_s
         self._robot = robot
         self._first = robot.standing
         self._geometry = dict(geometry)
@@ -221,6 +223,13 @@ class SimulatedController:
             fault=trouble.text if trouble.kind != "stall" else "",
             emergency_stop=trouble.kind == "emergency_stop",
         )
+
+    def reported(self, now_s: float) -> RobotState:
+        """Return the state as a server of this controller reports it, which may be wrong."""
+        state = self.state(now_s)
+        if self._motion is not None and "targets as encoders" in self._lies:
+            state = replace(state, joints=tuple(map(float, self._motion.target)))
+        return replace(state, moving=state.moving and "never moving" not in self._lies)
 
     def is_moving(self, now_s: float) -> bool:
         """Whether the controller reports that the robot moves."""

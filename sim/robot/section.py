@@ -367,6 +367,10 @@ class StartSection(Section):
         return np.array([self.x_mm, self.y_mm, self.z_mm, *turns_rad])
 
 
+Lie = Literal["targets as encoders", "never moving"]
+"""Mistake of a server: it reports where a motion leads as encoders, or that nothing moves."""
+
+
 class ControllerSection(Section):
     """The controller. Its geometry is the nominal robot's unless it has errors of its own."""
 
@@ -399,6 +403,10 @@ class ControllerSection(Section):
     """Reflector from the controlled point by its drawing, as in the robot file."""
     computes_transmission: bool = False
     """Whether it has what gears and encoders add to joints, with sides of approach."""
+    watchdog_s: NotNegative = 0.0
+    """Time without a line on robotline after which it stops a motion; 0: it has no watchdog."""
+    lies: tuple[Lie, ...] = ()
+    """What it reports wrongly on robotline while it moves."""
     start: StartSection = StartSection()
 
     def limits(self, kind: Kind) -> tuple[Array, Array]:

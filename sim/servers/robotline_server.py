@@ -40,13 +40,30 @@ class RobotlineSession(ServedSession):
         self._lines = self._grammar.line_framer()
         self._staged: dict[str, float] = {}
         self._has_moved = False
+        self._last_line_s = 0.0
 
     @override
     def received(self, data: bytes, now_s: float) -> None:
         """Obey every line that these bytes complete, and answer each."""
+        self.advance(now_s)
         for line in self._lines.feed(data):
             if line and (reply := self._reply(line, now_s)) is not None:
                 self._send(self._grammar.encode_answer(reply))
+
+    @override
+    def advance(self, now_s: float) -> None:
+        """Stop a motion that is not watched any more."""
+        due_s = self.next_due_s()
+        if due_s is not None and now_s >= due_s:
+            self._controller.stop(due_s)
+
+    @override
+    def next_due_s(self) -> float | None:
+        """Return when the watchdog stops the motion; None without a watchdog or motion."""
+        wait_s = self._controller.watchdog_s
+        due_s = self._last_line_s + wait_s
+        is_watched = wait_s > 0.0 and self._has_moved
+        return due_s if is_watched and self._controller.is_moving(self._last_line_s) else None
 
     @override
     def closed(self, now_s: float) -> None:
@@ -59,6 +76,7 @@ class RobotlineSession(ServedSession):
     def _reply(self, line: bytes, now_s: float) -> Answer | None:
         try:
             question = self._grammar.decode_question(line)
+            self._last_line_s = now_s
             outcome = self._obey(question, now_s)
         except BadQuestion as bad:
             return bad.answer
@@ -101,7 +119,7 @@ class RobotlineSession(ServedSession):
         )
 
     def _status(self, now_s: float) -> wire.ControllerStatus:
-        state = self._controller.state(now_s)
+        state = self._controller.reported(now_s)
         joints = tuple(self._controller.kind.outer(state.joints).tolist())
         return wire.ControllerStatus(state.moving, state.emergency_stop, state.fault, joints)
 

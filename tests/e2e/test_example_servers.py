@@ -91,7 +91,7 @@ def test_controller_to_copy_replaces_all_parameters_or_none_and_keeps_them(monke
 @pytest.mark.long
 def test_a_run_by_the_servers_to_copy(pkmcal, tiny):
     with (
-        serving("robotline_server.py", "--deg-per-s", "9000") as robot,
+        serving("robotline_server.py", "--deg-per-s", "900") as robot,
         serving("pointline_server.py", "--robot", f"127.0.0.1:{robot}") as seen,
     ):
         devices = {
@@ -111,7 +111,7 @@ def test_a_run_by_the_servers_to_copy(pkmcal, tiny):
 
 @pytest.mark.long
 def test_own_controller_is_rehearsed_with_a_simulated_tracker(pkmcal, tmp_path):
-    with serving("robotline_server.py", "--deg-per-s", "9000") as robot:
+    with serving("robotline_server.py", "--deg-per-s", "900") as robot:
         folder = tmp_path / "own"
         own = f"tcp://127.0.0.1:{robot}"
         made = pkmcal("new", folder, "--controller", own, "--tracker", "sim://paper-simulation")
