@@ -9,11 +9,12 @@ show a result that cannot be of the measurement just started (`require_own`):
 3. After a failure or a reconnection, a second one follows before the tracker is idle: the failed
    measurement's result came late, and which of the two is which cannot be decided.
 
-Such a result is refused, and the shot is taken again. A result that passes is then interpreted:
-point and air within bounds (`drivers/plausible.py`), and of two covariances the larger usable one.
+Such a result is refused, and the shot is taken again. So is one whose readings scatter as those of
+a reflector that moves (`require_still`). A result that passes is then interpreted: point and air
+within bounds (`drivers/plausible.py`), and of two covariances the larger usable one.
 """
 
-from math import isfinite
+from math import hypot, isfinite
 
 from drivers import errors, values
 from drivers.emscon.client import EmsconClient, Result
@@ -29,6 +30,11 @@ LEAST_EARLY_S = 0.1
 NO_COVARIANCE: values.Vector3 = (0.0, 0.0, 0.0)
 LEAST_STD_MM = 1e-7
 """Least value taken for a standard deviation; a zero is a field that the instrument left out."""
+MOVING_STD_MM = 0.2
+"""Least standard deviation of readings, root of the summed squares, that shows a motion: a robot
+that stands and vibrates has some hundredths."""
+MOVING_RATIO = 5.0
+"""Least ratio to what the instrument's accuracy model states, at long distances."""
 SMALLEST_DETERMINANT = 1e-9
 """Determinant of the correlation matrix: less is singular within the rounding of what was sent."""
 
@@ -70,6 +76,24 @@ def require_own(
             f"{client.name}: {problem}",
             remedy="measure again; if it comes back, end other programs that use the tracker, or "
             "restart it (docs/reference/emscon.md#results-that-cannot-be)",
+        )
+
+
+def require_still(name: str, result: Result) -> None:
+    """Raise `NotAMeasurement` for a result whose readings show that the reflector moved.
+
+    `name` is the tracker's. Without a stated scatter nothing is known.
+    """
+    # What the controller reports of a motion may be wrong; the readings are of the target itself.
+    observed_mm, stated_mm = hypot(*result.std), hypot(*result.apriori_std)
+    limit_mm = max(MOVING_STD_MM, MOVING_RATIO * stated_mm)
+    is_stated = all(LEAST_STD_MM < value <= values.SIGMA.most for value in result.std)
+    if is_stated and observed_mm > limit_mm:
+        raise errors.NotAMeasurement(
+            f"{name}: the reflector moved while it was measured: its readings scatter by "
+            f"{observed_mm:.2f} mm (1 σ, limit {limit_mm:.2f} mm)",
+            remedy="look whether the robot stands when its controller says so (`pkmcal devices DIR "
+            "--move`), and for what shakes it",
         )
 
 

@@ -18,7 +18,7 @@ from drivers.emscon.client import (
     EmsconDeadlines,
     beam_failure,
 )
-from drivers.emscon.results import measurement_of, require_own
+from drivers.emscon.results import measurement_of, require_own, require_still
 from drivers.plausible import require_weather
 from drivers.session import Preparation, PreparedTracker
 from drivers.wire import emscon as wire
@@ -140,6 +140,8 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
         # 5. Units changed during the measurement would have changed the result's numbers.
         client.may_hear_old_results = False
         setup.require_unchanged(client, agreed)
+        # 6. Refuse one whose readings show a motion: units are the agreed ones.
+        require_still(client.name, result)
         return measurement_of(client.name, result)
 
     @override

@@ -11,7 +11,7 @@ from dataclasses import astuple, dataclass
 from math import isfinite, sqrt
 from typing import cast
 
-from drivers.values import Measurement, Vector3
+from drivers.values import Measurement, Vector3, vector
 from drivers.wire import emscon_messages as said
 from drivers.wire.emscon import NOTHING, EmsconRequest
 from drivers.wire.emscon_constants import (
@@ -119,15 +119,21 @@ class EmsconInstrument:
     def result_of(self, shot: Measurement) -> said.SingleResult | said.SingleResult2:
         """Return the result packet of a shot, with covariances if statistics are extended."""
         # The covariance by which the shot was drawn stands for the observed and for the a-priori
-        # one. Offsets of the beam from the reflector's centre are 0.
+        # one. Readings of a reflector that moves evenly over a length scatter by a twelfth of its
+        # square more. Offsets of the beam from the reflector's centre are 0.
         assert shot.covariance_mm2 is not None, "our own tracker states it"
         assert shot.weather is not None, "it has a weather station"
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = shot.covariance_mm2
         std: Vector3 = (sqrt(xx), sqrt(yy), sqrt(zz))
         total = sqrt(sum(value * value for value in std))
+        swept_mm, seen = self._tracker.swept_mm, std
+        if any(swept_mm):
+            pairs = zip(std, swept_mm, strict=True)
+            seen = vector(sqrt(size**2 + way_mm**2 / 12.0) for size, way_mm in pairs)
+        seen_total = sqrt(sum(value * value for value in seen))
         air = astuple(shot.weather)
         status, mode = int(ResultStatus.ALL_OK), STATIONARY
-        head = (status, mode, 0, shot.point_in_tracker_mm, std, total)
+        head = (status, mode, 0, shot.point_in_tracker_mm, seen, seen_total)
         statistics = cast("said.StatisticMode", self._kept[Command.GET_STATISTIC_MODE])
         if statistics.stationary != Statistics.EXTENDED:
             return said.SingleResult(*head, ZERO, std, total, *air)

@@ -115,6 +115,10 @@ class SimulatedTracker:
         self._action: Action | None = None
         """Action under way; None if there is none."""
         self._measuring_s: float | None = None
+        self._begins_mm: Vector3 | None = None
+        """Followed reflector's centre where the latest measurement began."""
+        self.swept_mm: Vector3 = (0.0, 0.0, 0.0)
+        """How far the reflector moved in the latest measurement."""
         self._events: deque[str] = deque(maxlen=EVENTS_KEPT)
 
     def initialised(self, now_s: float) -> bool:
@@ -217,7 +221,7 @@ class SimulatedTracker:
         if fault is not None:
             # in the middle, where the point would be half measured
             self._break(fault, now_s + 0.5 * measuring_time_s)
-        self._measuring_s = measuring_time_s
+        self._measuring_s, self._begins_mm = measuring_time_s, self.live_point(now_s)
         return now_s + measuring_time_s
 
     def finish_measurement(self, now_s: float) -> Measurement | None:
@@ -226,6 +230,8 @@ class SimulatedTracker:
         self._measuring_s = None
         if not locked or measured_s is None:
             return None
+        begins_mm, ends_mm = self._begins_mm or (0.0, 0.0, 0.0), self.live_point(now_s)
+        self.swept_mm = vector(np.subtract(ends_mm or begins_mm, begins_mm))
         # worked time grows after the shot: the measurement is of the state at its beginning
         shot = self._shot(now_s)
         self._worked.seconds += measured_s

@@ -4,6 +4,7 @@ import pytest
 from command_line import change
 
 from campaigns.campaign import open_campaign
+from campaigns.journal.records import Rejected
 from campaigns.measuring import first_contact
 
 pytestmark = pytest.mark.slow
@@ -64,6 +65,20 @@ def test_a_run_sees_by_its_first_long_leg_what_a_server_must_not_do(pkmcal, cell
     assert "sooner than any robot is there" in answer.err
     with open_campaign(folder).journal_reader() as journal:
         assert [shot.outcome.shot for shot in journal.shots(1)] == [0], "where it stood before"
+
+
+def test_a_tracker_sees_a_motion_that_its_controller_does_not_report(pkmcal, cell, monkeypatch):
+    """Its legs are not watched here: the scatter of the readings is all that shows the motion."""
+    monkeypatch.setattr("campaigns.measuring.motion.MotionWatch.see", lambda *_: None)
+    folder = cell(lies=["targets as encoders", "never moving"])
+    change(folder / "campaign.yaml", {"controller.speed_percent": 10})
+    assert pkmcal("plan", folder, "--shots", "20").code == 0
+    answer = pkmcal("run", folder, "--yes")
+    assert answer.code != 0
+    with open_campaign(folder).journal_reader() as journal:
+        assert [shot.outcome.shot for shot in journal.shots(1)] == [0]
+        reasons = [entry.record.reason for entry in journal.records_of(Rejected, 1)]
+    assert any("the reflector moved while it was measured" in reason for reason in reasons)
 
 
 def test_nothing_moves_without_consent_and_by_hand_not_at_all(pkmcal, cell):

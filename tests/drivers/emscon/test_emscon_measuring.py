@@ -212,7 +212,7 @@ class TestUncertainty:
             self.measured(**changes)
 
     @given(
-        std=st.tuples(*[st.floats(max_value=100.0)] * 3),
+        std=st.tuples(*[st.floats(max_value=0.1)] * 3),
         covariance=st.tuples(*[st.floats()] * 3),
         apriori_std=st.tuples(*[st.floats(1e-3, 1.0)] * 3),
     )

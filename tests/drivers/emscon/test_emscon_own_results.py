@@ -52,6 +52,30 @@ class TestSameAgain:
         assert station.tracker.measure() == station.tracker.measure()
 
 
+class TestMoving:
+    @pytest.mark.parametrize(
+        ("std", "stated", "counts"),
+        [
+            ((0.1, 0.1, 0.1), 0.01, True),
+            ((0.1, 0.15, 0.1), 0.01, False),
+            ((3.0, 0.1, 0.1), 0.0, False),
+            ((3.0, 0.0, 0.0), 0.01, True),
+            ((0.2, 0.2, 0.2), 0.05, True),
+            ((0.3, 0.3, 0.3), 0.05, False),
+        ],
+    )
+    def test_readings_that_scatter_as_of_a_moving_reflector_are_no_measurement(
+        self, station, std, stated, counts
+    ):
+        result = replace(RESULT, std=std, apriori_std=(stated,) * 3)
+        station.instrument.result = result
+        if counts:
+            assert station.tracker.measure().point_in_tracker_mm == RESULT.point
+            return
+        with pytest.raises(NotAMeasurement, match="the reflector moved while it was measured"):
+            station.tracker.measure()
+
+
 class TestTooSoon:
     @pytest.mark.parametrize(
         ("after_s", "counts"), [(0.0, False), (1.79, False), (1.81, True), (4.0, True)]
