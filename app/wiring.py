@@ -184,6 +184,7 @@ class DeviceConnections:
                 prompt=self.prompt,
                 layout=layout,
                 alarm=self.alarm,
+                in_process=self.controller.in_process,
             )
         )
         serial = self.campaign.config.controller.serial

@@ -34,6 +34,11 @@ class RobotController(Protocol):
     """Whether `state` is that of the encoders while the robot moves. Not where a
     person moves it and types where it stands."""
 
+    @property
+    def knows_its_time(self) -> bool:
+        """Whether its robot's seconds are the clock's: a simulated one's may be shorter."""
+        return True
+
     def connect(self) -> None:
         """Open the wire and see who answers; raises `LinkDown`, `WireError` or `WrongDevice`.
 

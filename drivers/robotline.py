@@ -36,6 +36,8 @@ from drivers.values import Identity, Pose, RobotState, inner_units, outer_units
 from drivers.wire import robotline as wire
 from drivers.wire.lines import Hello, Nothing, Title, numbers_from
 
+SIMULATED = "pkmcal"
+"""Vendor that a simulated controller names."""
 # Controllers differ in what they make of a word they do not know; the page allows only ARGUMENT.
 NOT_KNOWN = ("ARGUMENT", "GEOMETRY", "VERB")
 """Refusals of a parameter that a controller does not have."""
@@ -79,6 +81,7 @@ class LineRobot(RobotController):
         self, surroundings: RobotSurroundings, deadlines: RobotlineDeadlines = RobotlineDeadlines()
     ) -> None:
         self._open_transport = surroundings.open_transport
+        self._in_process = surroundings.in_process
         self._clock = surroundings.clock
         self._layout = surroundings.layout
         self._dialect = Dialect(
@@ -102,6 +105,11 @@ class LineRobot(RobotController):
             cancelled=surroundings.cancelled,
             alarm=surroundings.alarm,
         )
+
+    @property
+    @override
+    def knows_its_time(self) -> bool:
+        return self._in_process or self._session.identity.vendor != SIMULATED
 
     @override
     def connect(self) -> None:

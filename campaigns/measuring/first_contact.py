@@ -105,6 +105,8 @@ class ContactTest:
     def _move_there(self, target: Joints) -> None:
         """Move to joints; raise `ImplausibleAnswer` where the motion is not seen."""
         watch = self._mover.return_to(target, "to the test's place", _unshown).watch
+        if not self._robot.knows_its_time:
+            return  # a simulated robot's motion may be over between two readings
         if not watch.passed:
             raise ImplausibleAnswer(
                 "no joints between start and target were read while the robot moved: these may be "

@@ -145,8 +145,10 @@ class Mover:
 
     def _watch(self, last_stop: RobotState, target: Joints) -> MotionWatch:
         """Return a watch of the leg that is commanded next."""
-        ends = last_stop.joints, target
-        return MotionWatch(ends, self._axes, self._speed_fraction, self._clock.now_s())
+        # no time is too short for a simulated robot whose seconds may be shorter than the clock's
+        ends, speed = (last_stop.joints, target), self._speed_fraction
+        speed = speed if self._robot.knows_its_time else inf
+        return MotionWatch(ends, self._axes, speed, self._clock.now_s())
 
     def has_moved(self, since: RobotState) -> bool:
         """Return whether the robot has left the place where it was read; raise its faults."""

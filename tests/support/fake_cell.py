@@ -35,6 +35,7 @@ class FakeRobot:
     calls: list[tuple[object, ...]]
     serial: str = "R-1"
     shows_motion: bool = True
+    knows_its_time: bool = True
     joints: np.ndarray = field(default_factory=lambda: NOMINAL.inverse(CENTRE[None]).values[0])
     full_speed_rad_s: float = 3.0
     off_target_rad: np.ndarray = field(default_factory=lambda: np.zeros(4))
