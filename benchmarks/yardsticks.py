@@ -137,7 +137,7 @@ class Recorder:
             env=os.environ | own | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            text=True,
+            encoding="utf-8",
             check=False,
         )
         return Answer(done.returncode, done.stdout, done.stderr)

@@ -21,7 +21,7 @@ def commit(package: Path = Path(__file__).parent) -> str:
     command = ["git", "-C", str(checkout), "rev-parse", "--short", "HEAD"]
     with suppress(OSError, subprocess.SubprocessError):
         done = subprocess.run(  # noqa: S603 - our own words
-            command, capture_output=True, text=True, check=True, timeout=WITHIN_S
+            command, capture_output=True, encoding="utf-8", check=True, timeout=WITHIN_S
         )
         return done.stdout.strip()
     return ""

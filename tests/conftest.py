@@ -75,7 +75,7 @@ def children() -> set[int]:
     found: set[int] = set()
     for task in OWN_TASKS.glob("*/children"):
         try:
-            found.update(map(int, task.read_text().split()))
+            found.update(map(int, task.read_text(encoding="ascii").split()))
         except (FileNotFoundError, ProcessLookupError):  # the thread has ended since it was listed
             continue
     return found

@@ -38,7 +38,7 @@ def printed() -> str:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             check=True,
-            text=True,
+            encoding="utf-8",
         )
     return done.stdout.replace(COMBINING_MACRON, "")
 

@@ -68,7 +68,7 @@ def main() -> None:
 def live_pages(folder: Path) -> None:
     """Draw the live page on a desktop and a phone, while a run is going on."""
     watch = subprocess.Popen(  # noqa: S603 - our own command
-        [*PKMCAL, "watch", str(folder), "--json"], stdout=subprocess.PIPE, text=True
+        [*PKMCAL, "watch", str(folder), "--json"], stdout=subprocess.PIPE, encoding="utf-8"
     )
     run = subprocess.Popen([*PKMCAL, "run", str(folder), "--yes", "--plain"])  # noqa: S603 - the same
     try:
