@@ -18,18 +18,22 @@
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from queue import SimpleQueue
+from contextlib import contextmanager, suppress
+from queue import Empty, SimpleQueue
 from types import FrameType
 
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-"""Ctrl-C, a polite kill, the loss of the terminal, Ctrl-\\."""
-SUSPENDING = (signal.SIGTSTP,)
+from drivers.system import signals_of, unblock
+
+ENDING = signals_of("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
+"""Ctrl-C, a polite kill, the loss of the terminal, Ctrl-\\; Windows has the first two."""
+SUSPENDING = signals_of("SIGTSTP")
 """Ctrl-Z."""
 WATCHED = (*ENDING, *SUSPENDING)
+LOOK_S = 0.5
+"""How often a server that waits for its end lets handlers run."""
 ANSWERED = (signal.SIGINT, *SUSPENDING)
 """Those that come from somebody at the terminal, who can be asked whether to go on."""
-LEFT_ALONE = (signal.SIGHUP, *SUSPENDING)
+LEFT_ALONE = signals_of("SIGHUP", "SIGTSTP")
 """Signals that stay ignored if the parent process ignores them: nohup outlives its terminal, and a
 process that no shell could continue is not suspended."""
 
@@ -71,7 +75,7 @@ class StopRequest:
 
 def unblock_signals() -> None:
     """Unblock the signals that the parent process may have blocked; ignored ones stay ignored."""
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, WATCHED)
+    unblock(WATCHED)
 
 
 @contextmanager
@@ -114,7 +118,11 @@ def awaited_signal() -> Iterator[Callable[[], None]]:
     signals: SimpleQueue[int] = SimpleQueue()
 
     def wait() -> None:
-        signals.get()
+        # by pieces, because Windows runs no handler while a thread waits for a lock
+        while True:
+            with suppress(Empty):
+                signals.get(timeout=LOOK_S)
+                return
 
     with _handling(signals.put, ENDING):
         yield wait

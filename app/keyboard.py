@@ -11,14 +11,13 @@ import os
 import re
 import select
 import sys
-import termios
 import threading
-import tty
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any
 
 from drivers.errors import Cancelled, LinkDown
+from drivers.system import HAS_POSIX, drop_typed, read_single_keys, restore_mode, terminal_mode
 
 LOOK_S = 0.1
 """How often the request to stop is looked at, and the end of a run."""
@@ -75,18 +74,16 @@ class Keyboard:
             return
         over = threading.Event()
         thread = threading.Thread(target=self._hear, args=(pressed, over), name="keys", daemon=True)
-        self._line_mode = termios.tcgetattr(sys.stdin.fileno())
+        self._line_mode = terminal_mode(sys.stdin.fileno())
         try:
-            # cbreak: keys without Enter and without echo, but Ctrl-C is still a signal
-            tty.setcbreak(sys.stdin.fileno(), termios.TCSANOW)
+            read_single_keys(sys.stdin.fileno())
             thread.start()
             yield
         finally:
             over.set()
             if thread.ident is not None:
                 thread.join()
-            with suppress(termios.error):  # the terminal may be gone
-                termios.tcsetattr(sys.stdin.fileno(), termios.TCSANOW, self._line_mode)
+            restore_mode(sys.stdin.fileno(), self._line_mode)
             self._line_mode = None
 
     def _hear(self, pressed: Callable[[str], None], over: threading.Event) -> None:
@@ -106,16 +103,13 @@ class Keyboard:
     @contextmanager
     def _by_lines(self) -> Iterator[None]:
         """Read input by whole lines within the block; drop what was typed before it."""
-        with suppress(termios.error):  # no terminal, or none any more
-            if self._line_mode is not None:
-                termios.tcsetattr(sys.stdin.fileno(), termios.TCSANOW, self._line_mode)
-            termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
+        restore_mode(sys.stdin.fileno(), self._line_mode)
+        drop_typed(sys.stdin.fileno())
         try:
             yield
         finally:
             if self._line_mode is not None:
-                with suppress(termios.error):
-                    tty.setcbreak(sys.stdin.fileno(), termios.TCSANOW)
+                read_single_keys(sys.stdin.fileno())
 
 
 KEYBOARD = Keyboard()
@@ -123,6 +117,9 @@ KEYBOARD = Keyboard()
 
 
 def _is_typed(within_s: float) -> bool:
+    """Return whether something is typed within a time; without POSIX only `_read` finds out."""
+    if not HAS_POSIX:  # Windows waits for sockets alone; no robot is driven there
+        return True
     return bool(select.select([sys.stdin], [], [], within_s)[0])
 
 

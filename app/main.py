@@ -269,7 +269,8 @@ def main() -> None:
     for variable in LINEAR_ALGEBRA_THREADS:
         os.environ.setdefault(variable, "1")
     for variable in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
-        if not os.environ.get(variable, "/").startswith("/"):
+        stated = os.environ.get(variable)
+        if stated is not None and not Path(stated).is_absolute():
             del os.environ[variable]  # Matplotlib would make that folder wherever it is started
     unblock_signals()
     make_streams_last()

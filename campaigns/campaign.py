@@ -42,6 +42,7 @@ from campaigns.planning.plans import PlanRequest, View, region_of, restricted_sp
 from campaigns.robots.robot import RobotDocument, RobotFile, pose_of, read_robot
 from campaigns.settings.config import CampaignConfig, read_campaign
 from campaigns.settings.sections import BY_HAND, OFFLINE, SIMULATED
+from drivers.system import HAS_POSIX
 from drivers.values import vector
 
 JournalT = TypeVar("JournalT", bound=JournalReader)
@@ -109,7 +110,10 @@ class CampaignFolder:
         return OFFLINE in (self.config.controller.url, self.config.tracker.url)
 
     def require_devices(self) -> None:
-        """Raise `ConfigInvalid` for a campaign that has no devices to connect to."""
+        """Raise `ConfigInvalid` for a campaign that has no devices to connect to.
+
+        Also where this system lacks what stops a robot at any time; a simulated one needs no such.
+        """
         if self.is_offline:
             raise ConfigInvalid(
                 f"{self.folder} is an offline campaign, without a controller and a tracker to "
@@ -117,6 +121,13 @@ class CampaignFolder:
                 remedy=f"`pkmcal import {self.folder} FILE` imports what was measured, with "
                 "--stage before or after a validation; what `pkmcal export` writes is put into the "
                 f"controller by hand; `pkmcal status {self.folder}` says what is next",
+            )
+        if not (HAS_POSIX or self.is_simulated):
+            raise ConfigInvalid(
+                f"{self.folder}: devices are driven from Linux or macOS alone: this system lacks "
+                "the signals and keys by which a robot is stopped at any time",
+                remedy=f"measure from such a computer; `pkmcal status {self.folder}`, import, "
+                "identify, export and report work here",
             )
 
     def path(self, name: str) -> Path:

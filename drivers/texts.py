@@ -6,7 +6,9 @@ reading direction of the words behind it. Such characters are replaced, and all 
 scripts stay.
 """
 
+import re
 import shlex
+import sys
 import unicodedata
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -18,6 +20,7 @@ _GAPS = "\t\n\v\f\r\x1c\x1d\x1e\x85\u2028\u2029"
 _JOINERS = "\u200c\u200d"
 # Unicode's categories of control, format, surrogate, line and paragraph separator.
 _HIDDEN = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+_PLAIN_ON_WINDOWS = re.compile(r"[\w.:/\\+-]+")
 _AS_BLANKS = str.maketrans(dict.fromkeys(_GAPS, " "))
 
 
@@ -31,12 +34,16 @@ def printable(text: str) -> str:
     return "".join(INSTEAD if _is_hidden(sign) else sign for sign in text.translate(_AS_BLANKS))
 
 
-def quoted(path: str) -> str:
+def quoted(path: str, *, for_windows: bool = sys.platform == "win32") -> str:
     r"""Quote a path for the shell; one with bytes that are no UTF-8 as bash takes it, `$'\xfc'`.
 
-    A name that begins with a dash would be read as an option: it gets its folder, `./`.
+    A name that begins with a dash would be read as an option: it gets its folder, `./`. Both shells
+    of Windows take double quotes.
     """
     word = f"./{path}" if path.startswith("-") else path
+    if for_windows:
+        end = "\\" if word.endswith("\\") else ""  # a last one would quote the quotation mark
+        return word if _PLAIN_ON_WINDOWS.fullmatch(word) else f'"{word}{end}"'
     if word.isprintable():
         return shlex.quote(word)
     escaped = (f"\\x{byte:02x}" for byte in word.encode("utf-8", "surrogateescape"))

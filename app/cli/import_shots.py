@@ -1,6 +1,5 @@
 """pkmcal import: take shots that were measured with other software."""
 
-import shlex
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -242,9 +241,10 @@ def command(
     terminal.say(f"imported: {len(rows)} shots, as series {series}")
     evaluation = evaluate(campaign)
     if evaluation.before is None:
-        again = shlex.join(["pkmcal", "import", str(campaign.folder), f"before{file.suffix}"])
+        again = f"{quoted(str(campaign.folder))} {quoted(f'before{file.suffix}')}"
         terminal.note(
-            f"to import pairs measured with the controller's own parameters: {again} --stage before"
+            "to import pairs measured with the controller's own parameters: "
+            f"pkmcal import {again} --stage before"
         )
     following = tell_next(terminal, campaign, evaluation=evaluation)
     terminal.conclude(ImportAnswer(series, len(rows)), following)

@@ -1,6 +1,5 @@
 """pkmcal report: write the whole campaign on one page."""
 
-import os
 import shutil
 import subprocess
 import tempfile
@@ -16,6 +15,7 @@ from campaigns.errors import OptionsInvalid, OutputExists, WriteFailed
 from campaigns.evidence import evaluate
 from campaigns.files.text_file import replace_text
 from drivers.bounded_files import is_file, is_there
+from drivers.system import is_root
 
 if TYPE_CHECKING:
     from app.report.page import Page
@@ -133,7 +133,7 @@ def print_by_browser(browser: str, page: Path, pdf: Path) -> None:
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
         printed = Path(scratch) / "page.pdf"
         words = [browser, *BROWSER_OPTIONS, f"--user-data-dir={scratch}/profile"]
-        if os.geteuid() == 0:  # Chromium refuses to start its sandbox as root
+        if is_root():  # Chromium refuses to start its sandbox as root
             words.append("--no-sandbox")
         words += [f"--print-to-pdf={printed}", "--no-pdf-header-footer", page.resolve().as_uri()]
         try:

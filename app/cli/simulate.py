@@ -1,5 +1,6 @@
 """pkmcal sim: serve a simulated cell."""
 
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -75,18 +76,20 @@ def command(
         loaded = parse_scenario(cell_text(find_robot(robot).robot, scenario), scenario)
     cell = Cell(loaded, seed=seed)
     server = CellServer(ScaledClock(loaded.speed_up), cell.faults)  # sockets live by the wall clock
-    tracker = server.serve_tcp(tracker_sessions(cell, tracker_driver), "tracker", tracker_port)
-    controller = controller_sessions(cell)
-    answer = CellAnswer(
-        controller=server.serve_pty(controller, "controller")
-        if serial
-        else server.serve_tcp(controller, "controller", controller_port),
-        tracker=tracker,
-        scenario=loaded.name,
-        seed=cell.seed,
-        speed_up=loaded.speed_up,
-    )
-    # signals are awaited before the addresses are printed: a reader may end the server at once
-    with awaited_signal() as wait, server:
-        Terminal(as_json=True, command="sim").conclude(answer)
-        wait()
+    with ExitStack() as ending:
+        ending.callback(server.stop)  # also where one of its addresses is taken
+        tracker = server.serve_tcp(tracker_sessions(cell, tracker_driver), "tracker", tracker_port)
+        controller = controller_sessions(cell)
+        answer = CellAnswer(
+            controller=server.serve_pty(controller, "controller")
+            if serial
+            else server.serve_tcp(controller, "controller", controller_port),
+            tracker=tracker,
+            scenario=loaded.name,
+            seed=cell.seed,
+            speed_up=loaded.speed_up,
+        )
+        # signals are awaited before the addresses are printed: a reader may end the server at once
+        with awaited_signal() as wait, server:
+            Terminal(as_json=True, command="sim").conclude(answer)
+            wait()

@@ -1,6 +1,7 @@
 """Lock of a campaign folder: one process at a time writes into it, and others can name it.
 
-The lock is the operating system's, on `campaign.lock` as a whole (`flock`). It belongs to the open
+The lock is the operating system's, on `campaign.lock`: as a whole (`flock`), and on Windows on its
+first byte, a blank, which no other process can then read. It belongs to the open
 file: the system frees it when the process ends, by whatever way, so no lock is ever left over and
 none has to be broken by hand. The text in the file names the holder for error messages and for the
 live page. A process that was killed leaves its text behind, so the text counts only while the file
@@ -9,7 +10,6 @@ deleted file while the next one locks a new file of that name, and both would wr
 """
 
 import errno
-import fcntl
 import json
 import os
 import socket
@@ -22,7 +22,8 @@ from pathlib import Path
 from filelock import lock_descriptor
 
 from campaigns.errors import CampaignLocked, WriteFailed
-from drivers.bounded_files import FileRefused, read_bounded
+from drivers.bounded_files import FileRefused, open_file
+from drivers.system import open_unfollowed, require_record_locks
 
 LOCK_FILE = "campaign.lock"
 HOLDER_BYTES = 10_000
@@ -66,12 +67,11 @@ def campaign_lock(folder: Path, *, now_utc: Callable[[], str]) -> Iterator[None]
     words = {"pid": os.getpid(), "host": socket.gethostname(), "since_utc": now_utc()}
     descriptor = -1
     try:
-        flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW
-        descriptor = os.open(folder / LOCK_FILE, flags, mode=0o666)
+        descriptor = open_unfollowed(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT)
         _acquire(descriptor, folder)
-        _require_record_locks(descriptor)
+        _refuse_without_record_locks(descriptor)
         os.ftruncate(descriptor, 0)
-        os.write(descriptor, json.dumps(words).encode())
+        os.write(descriptor, f" {json.dumps(words)}".encode())
     except OSError as error:
         if descriptor >= 0 and error.errno in WITHOUT_LOCKS:
             (folder / LOCK_FILE).unlink(missing_ok=True)  # which no process can hold
@@ -108,7 +108,7 @@ def _acquire(descriptor: int, folder: Path) -> None:
         time.sleep(PATIENCE_S / 5)
 
 
-def _require_record_locks(descriptor: int) -> None:
+def _refuse_without_record_locks(descriptor: int) -> None:
     """Raise `OSError` where the file system lacks the locks of records, which SQLite needs.
 
     SQLite itself would report a locked database, which would send the reader after a process that
@@ -117,8 +117,7 @@ def _require_record_locks(descriptor: int) -> None:
     # A network file system may keep both kinds of locks in one place, where the lock that we hold
     # already refuses this one: only the errors of missing locks count.
     try:
-        fcntl.lockf(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        fcntl.lockf(descriptor, fcntl.LOCK_UN)
+        require_record_locks(descriptor)
     except OSError as error:
         if error.errno in WITHOUT_LOCKS:
             raise
@@ -133,7 +132,7 @@ def has_record_locks(file: Path) -> bool:
     with suppress(OSError):
         descriptor = os.open(file, os.O_RDONLY)
         try:
-            _require_record_locks(descriptor)
+            _refuse_without_record_locks(descriptor)
         except OSError:
             return False
         finally:
@@ -148,7 +147,7 @@ def lock_holder(folder: Path) -> Holder | None:
     if holder is None:
         return None
     try:
-        descriptor = os.open(folder / LOCK_FILE, os.O_RDONLY | os.O_NOFOLLOW)
+        descriptor = open_unfollowed(folder / LOCK_FILE, os.O_RDONLY)
     except OSError:
         return None
     try:
@@ -162,7 +161,9 @@ def lock_holder(folder: Path) -> Holder | None:
 def _read_holder(folder: Path) -> Holder | None:
     """Return the holder named in the file; None while its text is incomplete or no such text."""
     try:
-        words = json.loads(read_bounded(folder / LOCK_FILE, HOLDER_BYTES))
+        with open_file(folder / LOCK_FILE) as file:
+            file.seek(1)  # after the blank, which Windows lets only the holder read
+            words = json.loads(file.read(HOLDER_BYTES))
         return Holder(int(words["pid"]), str(words["host"]), str(words["since_utc"]))
     except (FileRefused, ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return None

@@ -16,10 +16,11 @@ A campaign's journal does not come here: SQLite keeps it (`campaigns/journal`).
 import contextlib
 import errno
 import os
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from campaigns.errors import CampaignError, OutputExists, WriteFailed
 from drivers.bounded_files import YAML_BYTES, FileMissing, FileRefused, decoded, read_bounded
+from drivers.system import IS_WINDOWS, is_open_elsewhere, problem_on_windows
 
 
 def read_text(
@@ -61,10 +62,19 @@ def refuse_existing(path: Path, remedy: str = "name another, or move this one aw
 
 def make_folder(path: Path) -> None:
     """Make a folder, and those above it, unless they exist; raise `WriteFailed`."""
+    if IS_WINDOWS:
+        _refuse_name(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise _write_error(path, error) from error
+
+
+def _refuse_name(path: PurePath) -> None:
+    """Raise `WriteFailed` for a path with a name that Windows cannot have, or would change."""
+    for name in path.parts[1:] if path.anchor else path.parts:
+        if problem := problem_on_windows(name):
+            raise WriteFailed(f"{path}: '{name}' {problem}", remedy="choose another name")
 
 
 def replace_text(path: Path, text: str) -> None:
@@ -123,7 +133,9 @@ def _sync_folder(folder: Path) -> None:
 
 
 def _write_error(path: Path, error: OSError) -> WriteFailed:
-    if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
+    if is_open_elsewhere(error):
+        remedy = f"close {path.name} in the other program that has it open, then try again"
+    elif error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
         remedy = "free space on the disk, then try again"
     else:
         remedy = "check that the folder exists and that this user may write there"

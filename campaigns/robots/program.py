@@ -64,7 +64,7 @@ def list_path() -> Path:
     """Return the path of the user's list of trusted programs."""
     # the place by the XDG rules; a relative one would be another one in each folder
     stated = os.environ.get("XDG_CONFIG_HOME", "")
-    folder = Path(stated) if stated.startswith("/") else Path("~/.config").expanduser()
+    folder = Path(stated) if Path(stated).is_absolute() else Path("~/.config").expanduser()
     return folder / "pkmcal" / "trusted"
 
 
@@ -169,8 +169,10 @@ def _limited(limit_s: float) -> Iterator[None]:
     """End a block that takes longer than a limit by `_TooLong`, in the main thread alone.
 
     Other threads take no signals. They read only what the main thread has read before them.
+    Windows has no timer that ends a block: there Ctrl-C does.
     """
-    if threading.current_thread() is not threading.main_thread():
+    has_timer = hasattr(signal, "setitimer")
+    if not has_timer or threading.current_thread() is not threading.main_thread():
         yield
         return
 

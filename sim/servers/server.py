@@ -13,12 +13,12 @@ import os
 import selectors
 import socket
 import threading
-import tty
 from collections.abc import Callable
 from functools import partial
 from operator import attrgetter
 from typing import NamedTuple
 
+from drivers.system import HAS_POSIX, raw_pseudo_terminal
 from sim.clock import ScaledClock
 from sim.errors import SimError
 from sim.faults import ANSWERS_OF, DeviceName, FaultScript
@@ -150,7 +150,8 @@ class CellServer:
         self._faults = faults
         self._selector = selectors.DefaultSelector()
         # a byte through this pipe ends the wait in `select`, for `stop` from another thread
-        self._wake_end, self._awake_end = os.pipe()
+        # (a pair of sockets, because Windows selects among nothing else)
+        self._wake_end, self._awake_end = socket.socketpair()
         self._listeners: list[socket.socket] = []
         self._peers: dict[Peer, DeviceName] = {}
         self._thread: threading.Thread | None = None
@@ -181,12 +182,18 @@ class CellServer:
         return f"tcp://{LOOPBACK}:{listener.getsockname()[1]}"
 
     def serve_pty(self, factory: SessionFactory, device_name: DeviceName) -> str:
-        """Open a pseudo-terminal and return the URL of its client's end, serial:///dev/…."""
-        device_end, client_end = os.openpty()
-        tty.setraw(client_end)
-        path = os.ttyname(client_end)
+        """Open a pseudo-terminal and return the URL of its client's end, serial:///dev/….
+
+        Raises `SimError` where the system has none.
+        """
+        if not HAS_POSIX:
+            raise SimError(
+                "this system has no pseudo-terminals, which stand for a serial line",
+                remedy="serve it by TCP, without --serial",
+            )
+        device_end, client_end = raw_pseudo_terminal()
         self._add(SerialEnd(device_end, client_end), factory, device_name)
-        return f"serial://{path}"
+        return f"serial://{os.ttyname(client_end)}"
 
     def start(self) -> None:
         """Serve from a thread of its own."""
@@ -206,8 +213,8 @@ class CellServer:
             self._thread.join()
         else:
             self._close()
-        os.close(self._wake_end)
-        os.close(self._awake_end)
+        self._wake_end.close()
+        self._awake_end.close()
         if self._failure is not None:
             raise SimError(
                 f"the simulated cell broke: {self._failure}", remedy="report it with its scenario"
@@ -292,10 +299,10 @@ class CellServer:
         peer.channel.close()
 
     def _wake(self) -> None:
-        os.write(self._awake_end, b"!")
+        self._awake_end.send(b"!")
 
     def _drain_wake_up(self) -> None:
-        os.read(self._wake_end, 4096)
+        self._wake_end.recv(4096)
 
     def _close(self) -> None:
         for peer in list(self._peers):
