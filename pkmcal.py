@@ -7,6 +7,7 @@ A name of the API is imported when it is used, because `pkmcal --help` needs non
 # comes first on its path, and fail later with an error about something else. So before the first
 # import `_find_obstacle` compares where each package would come from, and names what hides it.
 
+import os
 import sys
 from importlib import import_module
 from importlib.util import find_spec
@@ -42,6 +43,11 @@ if TYPE_CHECKING:
     from campaigns.robots.robot import RobotFile
     from campaigns.shots.shots import Shots
     from campaigns.workflow import campaign_steps as workflow
+
+# Read when NumPy is imported. Our matrices are small: threads that wait for each other make a
+# decomposition of 0.1 ms take 10 ms, once for every shot.
+for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
 
 HERE = Path(__file__).resolve().parent
 PACKAGES = ("app", "campaigns", "drivers", "sim")

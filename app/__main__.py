@@ -1,5 +1,5 @@
 """Run `pkmcal` by `python -m app`."""
 
-from app.main import main
+from pkmcal import main
 
 main()

@@ -2,8 +2,8 @@
 
 # How a command runs, from the shell to its exit code:
 #
-# 1. `main` sets what has to be set before NumPy is imported, makes the streams outlast their
-#    readers, and lets the signals that end a process raise KeyboardInterrupt, as Ctrl-C does.
+# 1. `pkmcal.py` sets what has to be set before NumPy is imported. `main` makes the streams outlast
+#    their readers, and lets the signals that end a process raise KeyboardInterrupt, as Ctrl-C does.
 # 2. Typer asks `LazyGroup` for the command that was typed, and only its module in `app/cli` is
 #    imported. Help and completion take names and summaries from `COMMANDS`: they import nothing.
 # 3. `options.as_typer_command` translates the command's parameters for Typer: a terminal, a
@@ -82,10 +82,6 @@ COMMANDS = {
 """Module in `app.cli`, imported when it is named, and first line of its help, by name."""
 FIRST_COMMANDS = 12
 """Of `COMMANDS`; the others are listed after them."""
-
-LINEAR_ALGEBRA_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""Read when NumPy is imported. Our matrices are small: threads that wait for each other make a
-decomposition of 0.1 ms take 10 ms, once for every shot."""
 
 LONGEST_LINE = 950
 """Characters of an error line: what a file or option says in it is cut in the middle."""
@@ -266,8 +262,6 @@ def main_options(
 
 def main() -> None:
     """Run the command line and leave with the exit code that scripts may rely on."""
-    for variable in LINEAR_ALGEBRA_THREADS:
-        os.environ.setdefault(variable, "1")
     for variable in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
         stated = os.environ.get(variable)
         if stated is not None and not Path(stated).is_absolute():

@@ -43,7 +43,7 @@ def campaign(tmp_path):
 
 def with_setting(campaign, old, changed):
     path = campaign.path("campaign.yaml")
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     assert old in text
     path.write_text(text.replace(old, changed))
     return open_campaign(campaign.folder)
@@ -113,7 +113,7 @@ def test_shots_that_place_no_frame_are_refused_and_leave_the_older_plan(campaign
     campaign.plan_path.write_text("older")
     with pytest.raises(PlanInvalid, match="place no frame of the tracker"):
         plan(campaign, PlanOptions(shots=2))
-    assert campaign.plan_path.read_text() == "older"
+    assert campaign.plan_path.read_text(encoding="utf-8") == "older"
 
 
 @pytest.mark.slow
@@ -123,7 +123,7 @@ def test_the_document_says_how_the_plan_was_made_and_what_it_will_give(campaign,
     assert run_command(["plan", str(campaign.folder), *map(str, words)]) == 0
     document = json.loads(capsys.readouterr().out)
     assert set(document) == PLAN_KEYS
-    assert campaign.path("plan-older-1.csv").read_text() == "older"
+    assert campaign.path("plan-older-1.csv").read_text(encoding="utf-8") == "older"
     assert document["path"] == str(campaign.plan_path)
     assert 4 < document["shots"] == 2 * document["pairs"] <= 60
     assert (document["placement"], document["seed"], document["until_mm"]) == ("optimal", 5, 0.1)

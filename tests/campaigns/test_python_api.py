@@ -1,5 +1,8 @@
 """The Python API: names that a prompt completes, words for enums, single poses for batches."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +23,23 @@ def test_every_name_is_completed_and_there():
     assert all(getattr(pkmcal, name) for name in pkmcal.__all__)
     with pytest.raises(AttributeError, match="it has PLANE, POSITION, TURN"):
         _ = pkmcal.solve
+
+
+@pytest.mark.parametrize("program", ["import pkmcal", "import runpy; runpy.run_module('app')"])
+def test_linear_algebra_gets_one_thread_before_numpy_unless_others_are_stated(program):
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    environment = {name: value for name, value in os.environ.items() if name not in names}
+    show = f"print('numpy' in sys.modules, *(os.environ[name] for name in {names}))"
+    text = f"import atexit, os, sys; atexit.register(lambda: {show}); {program}"
+    for stated, shown in (({}, "False 1 1 1"), ({"OMP_NUM_THREADS": "3"}, "False 1 3 1")):
+        ended = subprocess.run(
+            [sys.executable, "-c", text],
+            env=environment | stated,
+            cwd=Path(pkmcal.__file__).parent,
+            capture_output=True,
+            encoding="utf-8",
+        )
+        assert ended.stdout.splitlines()[-1] == shown, ended.stderr
 
 
 def test_a_single_pose_is_a_batch_of_one_and_others_are_refused_by_their_shape():
