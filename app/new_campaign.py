@@ -54,6 +54,9 @@ NOT_SPECIFIED: Mapping[str, str | None] = {"controller": None, "tracker": None}
 """Addresses or drivers of both devices: those of the simulated cell, or those by default."""
 UNATTENDED_SPEED_UP = 10_000
 """Speed-up at which a motion ends after a few questions for the controller's state."""
+TrackerLimits = tuple[float, float, float, float]
+LIMIT_KEYS = ("along_um", "along_um_per_m", "across_um", "across_um_per_m")
+"""Keys of `tracker.uncertainty` in the order in which `new` takes the limits of a data sheet."""
 LIMIT_DIGITS = 4
 """Decimals of a limit, of a tracker in µm or of a joint: more than any data sheet has."""
 
@@ -73,6 +76,62 @@ class CellChoice:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class TrackerFacts:
+    """Facts of a real tracker for campaign.yaml: its name, and the limits of its data sheet.
+
+    Raises `OptionsInvalid` for limits without their source, and a source without limits.
+    """
+
+    name: str = ""
+    """Maker and model."""
+    limits: TrackerLimits | None = None
+    """The limits (MPE) of the data sheet; None: the defaults."""
+    data_sheet: str = ""
+    typed_by: str = ""
+
+    def __post_init__(self) -> None:
+        stated = {
+            "--tracker-limits": self.limits is not None,
+            "--data-sheet": bool(self.data_sheet),
+            "--typed-by": bool(self.typed_by),
+        }
+        lacking = [name for name, is_given in stated.items() if not is_given]
+        if 0 < len(lacking) < len(stated):
+            raise OptionsInvalid(
+                f"limits of the tracker need their source: {' and '.join(lacking)} missing",
+                remedy=f"give all of {', '.join(stated)}, or none",
+            )
+
+    @property
+    def sections(self) -> dict[str, dict[str, object]]:
+        """What campaign.yaml says of the tracker, by section; empty where nothing is stated."""
+        named: dict[str, dict[str, object]] = {}
+        if self.name:
+            named["instruments"] = {"tracker": self.name}
+        if self.limits is not None:
+            limits = dict(zip(LIMIT_KEYS, self.limits, strict=True))
+            source = {"data_sheet": self.data_sheet, "typed_by": self.typed_by}
+            named["tracker"] = {"uncertainty": {**limits, **source}}
+        return named
+
+
+NO_FACTS = TrackerFacts()
+
+
+def read_limits(typed: str) -> TrackerLimits:
+    """Read limits such as 10,0.3,15,6, in µm and µm/m; raise `OptionsInvalid`."""
+    try:
+        along, along_per_m, across, across_per_m = (float(part) for part in typed.split(","))
+    except ValueError:
+        raise OptionsInvalid(
+            f"limits of the tracker: {typed!r} is not four numbers with commas between them",
+            remedy="type the limit along the beam, µm, its increase per metre, µm, and the same "
+            "across it, such as A,B,C,D of ±(A + B/m) and ±(C + D/m)",
+        ) from None
+    return along, along_per_m, across, across_per_m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class NewOptions:
     """Options of a new campaign: its robot, and its real or simulated devices.
 
@@ -86,6 +145,9 @@ class NewOptions:
         reflector: Measured place of the reflector from the controlled point, mm; None: the robot
             file's.
         controller_driver, tracker_driver: Protocols of the devices; None: by the address.
+        tracker_name: Maker and model of a real tracker.
+        tracker_limits: Limits of its data sheet, µm and µm/m; None: the defaults.
+        data_sheet, typed_by: Source of these limits.
     """
 
     robot: Annotated[
@@ -132,6 +194,21 @@ class NewOptions:
             words=lambda: [*TRACKERS],
         ),
     ] = None
+    tracker_name: Annotated[
+        str, Option("A real tracker's maker and model, for the certificate.", metavar="TEXT")
+    ] = ""
+    tracker_limits: Annotated[
+        TrackerLimits | None,
+        Option(
+            "Limits (MPE) of its data sheet, ±(A µm + B µm/m) along the beam, ±(C + D) across.",
+            metavar="A,B,C,D",
+            read=read_limits,
+        ),
+    ] = None
+    data_sheet: Annotated[str, Option("The document that states these limits.", metavar="TEXT")] = (
+        ""
+    )
+    typed_by: Annotated[str, Option("Who took the limits from it.", metavar="NAME")] = ""
 
     def __post_init__(self) -> None:
         of_devices = (self.controller, self.tracker, self.controller_driver, self.tracker_driver)
@@ -153,6 +230,22 @@ class NewOptions:
                 "--controller-driver is for a real controller: a simulated one speaks robotline",
                 remedy="give --controller and --tracker too, or leave it out",
             )
+        if self.tracker_facts != NO_FACTS and self.is_simulated:
+            raise OptionsInvalid(
+                "--tracker-name and --tracker-limits are for a real tracker: a simulated cell "
+                "states its own",
+                remedy="leave them out",
+            )
+
+    @property
+    def tracker_facts(self) -> TrackerFacts:
+        """Facts of the tracker; raise `OptionsInvalid` for limits without their source."""
+        return TrackerFacts(
+            name=self.tracker_name,
+            limits=self.tracker_limits,
+            data_sheet=self.data_sheet,
+            typed_by=self.typed_by,
+        )
 
     @property
     def urls(self) -> dict[str, str | None]:
@@ -208,7 +301,11 @@ def create_campaign(
     drivers = {"controller": options.controller_driver, "tracker": options.tracker_driver}
     controller, tracker = urls.values()
     if controller is not None and tracker is not None and simulated is None:
-        return create_for_devices(folder, nominal, controller, tracker, drivers, limits)
+        sections: dict[str, Mapping[str, object]] = {
+            "acceptance": limits,
+            **options.tracker_facts.sections,
+        }
+        return _create_for_devices(folder, nominal, options.urls, drivers, sections)
     named = (urls[simulated] or "").removeprefix(SIMULATED) if simulated else "cell"
     scenario = options.scenario or (None if named == "cell" else named)
     real = {device: None if device == simulated else url for device, url in urls.items()}
@@ -239,13 +336,25 @@ def create_for_devices(
     `drivers`: names for controller and tracker; None: by the address. `limits`: `acceptance`.
     """
     nominal = find_robot(robot) if isinstance(robot, str) else robot
+    urls = {"controller": controller, "tracker": tracker}
+    return _create_for_devices(folder, nominal, urls, drivers, {"acceptance": dict(limits)})
+
+
+def _create_for_devices(
+    folder: Path,
+    nominal: RobotDocument,
+    urls: Mapping[str, str | None],
+    drivers: Mapping[str, str | None],
+    sections: Mapping[str, Mapping[str, object]],
+) -> CampaignConfig:
+    """Create a campaign on real devices, with what `sections` of campaign.yaml state."""
     config = new_config(
         {
             **_identity(folder),
-            "controller": _address_and_driver("controller", {"controller": controller}, drivers),
-            "tracker": _address_and_driver("tracker", {"tracker": tracker}, drivers)
-            | {"reflector": DEFAULT_REFLECTOR},
-            "acceptance": dict(limits),
+            **sections,
+            "controller": _address_and_driver("controller", urls, drivers),
+            "tracker": _address_and_driver("tracker", urls, drivers)
+            | {"reflector": DEFAULT_REFLECTOR, **sections.get("tracker", {})},
             **_validation(nominal.robot),
             **_objects(nominal),
         }
@@ -409,11 +518,12 @@ def _validation(robot: RobotFile) -> dict[str, object]:
     return {"validation": {"centre_mm": centre[:3].tolist(), **lines}}
 
 
-def _limits(data_sheet: Mapping[str, float]) -> dict[str, float]:
-    """Return the uncertainty to plan with; empty, for the defaults, if the tracker has no noise."""
+def _limits(data_sheet: Mapping[str, float]) -> dict[str, float | str]:
+    """Return the simulated tracker's uncertainty; empty, for the defaults, if it has no noise."""
     if min(data_sheet["along_um"], data_sheet["across_um"]) <= 0.0:
         return {}
-    return {name: round(limit, LIMIT_DIGITS) for name, limit in data_sheet.items()}
+    limits = {name: round(limit, LIMIT_DIGITS) for name, limit in data_sheet.items()}
+    return {**limits, "data_sheet": f"simulated tracker of {SCENARIO}", "typed_by": "pkmcal"}
 
 
 def _write_unless_same(path: Path, text: str) -> None:

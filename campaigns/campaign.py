@@ -33,6 +33,7 @@ from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.journal import Journal, JournalReader, open_journal, read_journal
 from campaigns.journal.journal_files import rescued_copies, take_rescued
+from campaigns.journal.records import SeriesStarted
 from campaigns.journal.views import AcceptedShot, Series
 from campaigns.kinematics.feasibility import platform_radius_mm
 from campaigns.planning.paths import RobotModel
@@ -41,6 +42,7 @@ from campaigns.planning.plan_file import PlannedShot, read_plan
 from campaigns.planning.plans import PlanRequest, View, region_of, restricted_space
 from campaigns.robots.robot import RobotDocument, RobotFile, pose_of, read_robot
 from campaigns.settings.config import CampaignConfig, read_campaign
+from campaigns.settings.instrument import StatedInstrument
 from campaigns.settings.sections import BY_HAND, OFFLINE, SIMULATED
 from drivers.system import HAS_POSIX
 from drivers.values import vector
@@ -151,13 +153,14 @@ class CampaignFolder:
     def instrument(self) -> TrackerUncertainty:
         """Tracker's standard uncertainty, by the limits of its data sheet in campaign.yaml.
 
-        It serves for plans, and for shots whose uncertainty the tracker did not state.
+        It serves for plans, and for what is measured from now on; for a series that is there
+        `instrument_of` does.
         """
-        limits = self.config.tracker.uncertainty
-        common = self.config.tracker.common
-        return TrackerUncertainty.of_limits(
-            limits.along_um, limits.along_um_per_m, limits.across_um, limits.across_um_per_m
-        ).with_common_limits(common.scale_ppm, common.axes_um_per_m, common.reflector_mm)
+        return StatedInstrument.of(self.config.tracker).uncertainty
+
+    def instrument_of(self, started: SeriesStarted) -> StatedInstrument:
+        """Return the tracker's limits that count for a series: those recorded when it began."""
+        return StatedInstrument.recorded(started, self.config.tracker)
 
     @property
     def pace(self) -> Pace:

@@ -58,6 +58,7 @@ from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.kinematics.mechanism import Mechanism
 from campaigns.planning.plan_file import PlannedShot, plan_difference, plan_digest
 from campaigns.robots.robot import RobotFile, read_robot
+from campaigns.settings.instrument import StatedInstrument
 from campaigns.shots.observation_records import (
     NO_OBSERVATIONS,
     RecordedObservations,
@@ -394,9 +395,14 @@ class Evaluation:
         self, measured: tuple[MeasuredSeries, ...]
     ) -> validation.ValidationResult | None:
         """Return the figures of a stage's series; None without any."""
-        instrument = self.evidence.campaign.instrument
+        campaign = self.evidence.campaign
         return validation.latest_of_each_test(
-            validation.evaluate_validation(item.stops, instrument, item.series.number, self.scatter)
+            validation.evaluate_validation(
+                item.stops,
+                campaign.instrument_of(item.series.started).uncertainty,
+                item.series.number,
+                self.scatter,
+            )
             for item in measured
         )
 
@@ -673,6 +679,7 @@ def _checks(evidence: Evidence) -> Iterator[Check]:
         detail = f"check, series {check.series}: {check.says}"
         yield Check("the robot is as it was identified", holds=False, detail=detail)
     yield _check_of_start(evidence)
+    yield from _checks_of_instrument(evidence)
     if journal is not None and journal.unended_load:
         statement = "it is known what the controller holds"
         yield Check(statement, holds=False, detail="a load was begun and not ended")
@@ -770,6 +777,57 @@ def _check_of_start(evidence: Evidence) -> Check:
     if held is None:
         return Check(statement, None, "nothing to compare", decides=False)
     return Check(statement, held.kind == "nominal", held.says, decides=False)
+
+
+# Only points without an uncertainty of their own rest on the limits of the noise, but all rest on
+# the limits of what shots have in common. So any change is named, for every series that counts.
+def _checks_of_instrument(evidence: Evidence) -> Iterator[Check]:
+    """Yield a check for each change of the tracker's limits after a series was measured.
+
+    None of them decides: the limits that were recorded with the series count.
+    """
+    now = StatedInstrument.of(evidence.campaign.config.tracker)
+    for _, item in evidence.by_stage():
+        number, then = item.series.number, evidence.campaign.instrument_of(item.series.started)
+        if changed := then.difference(now):
+            yield Check(
+                f"campaign.yaml states the tracker's uncertainty as when series {number} was "
+                "measured or imported",
+                holds=False,
+                detail=f"{changed}; the former counts",
+                decides=False,
+            )
+    for series, earlier, smaller in restated_series(evidence):
+        yield Check(
+            f"the tracker's uncertainty was stated before the points of series {series} were there",
+            holds=False,
+            detail=f"series {earlier} has the same points with larger limits: {smaller}",
+            decides=False,
+        )
+
+
+def restated_series(evidence: Evidence) -> Iterator[tuple[int, int, str]]:
+    """Yield counted imports that state smaller limits of the tracker for points imported before.
+
+    Each with the earlier series' number, and the limits that differ, in words.
+    """
+    # A file that is imported again takes the limits that campaign.yaml has by then. The figures of
+    # the first import were there to be looked at, so that limits could be chosen by them.
+    journal, campaign = evidence.journal, evidence.campaign
+    for _, item in evidence.by_stage():
+        if journal is None or not item.series.started.imported:
+            continue
+        now, points = campaign.instrument_of(item.series.started), _points_of(item.series)
+        for earlier in journal.series:
+            then = campaign.instrument_of(earlier.started)
+            is_same = earlier.number < item.series.number and points & _points_of(earlier)
+            if is_same and now.is_smaller_than(then):
+                yield item.series.number, earlier.number, then.difference(now)
+
+
+def _points_of(series: Series) -> set[tuple[float, ...]]:
+    """Return the points of a series' accepted shots."""
+    return {shot.outcome.point_in_tracker_mm for shot in series.shots}
 
 
 def _limits_set_later(evidence: Evidence) -> Iterator[str]:

@@ -92,7 +92,6 @@ KEYS: Mapping[str, tuple[object, str]] = {
     "controller.linuxcnc": (None, _BRIDGE),
     "mechanics": ({}, "delete it: nothing uses the mechanic's sizes any more"),
     "certificate.measured_by": ("", "write who measured as people.operator"),
-    "certificate.authorised_by": ("", "delete it: sign on the laboratory's own form"),
 }
 """Removed keys of files by dotted path, such as `tracker.two_faces`: former default and remedy.
 

@@ -5,10 +5,11 @@ from math import inf
 from pathlib import Path
 
 from app.console import Terminal
-from app.new_campaign import NewOptions, create_campaign, trust_typed
+from app.new_campaign import NO_FACTS, NewOptions, create_campaign, read_limits, trust_typed
 from app.next import tell_next, tell_step
 from app.options import NewFolder, ask_reflector
 from campaigns.campaign import open_campaign
+from campaigns.errors import OptionsInvalid
 from campaigns.files.text_file import refuse_existing
 from campaigns.next_step import NextStep
 from campaigns.robots.printer_config import PRINTER
@@ -61,6 +62,8 @@ def command(terminal: Terminal, folder: NewFolder, options: NewOptions) -> None:
     limits: dict[str, float] = {}
     if not options.is_simulated:
         limits = ask_limits(terminal, folder)
+        if options.tracker_facts == NO_FACTS:
+            options = ask_tracker(terminal, options)
         if options.reflector is None and not states_reflector(find_robot(options.robot)):
             options = replace(options, reflector=ask_reflector(terminal))
     config = create_campaign(folder, options, limits)
@@ -94,6 +97,36 @@ def ask_limits(terminal: Terminal, folder: Path) -> dict[str, float]:
                 break
             terminal.note("give a number above 0, such as 0.1, or nothing")
     return limits
+
+
+def ask_tracker(terminal: Terminal, options: NewOptions) -> NewOptions:
+    """Ask for the tracker's name and the limits of its data sheet; return options with the answers.
+
+    Without a terminal, or with Enter, the options stay as they are.
+    """
+    prompt = terminal.prompt()
+    name = (
+        prompt("the tracker's maker and model (Enter: later, in campaign.yaml): ") if prompt else ""
+    )
+    if prompt is None or not name.strip():
+        return options
+    options = replace(options, tracker_name=name.strip())
+    terminal.note(
+        "Limits (MPE) of its data sheet decide about U: along the beam ±(A µm + B µm/m), across it "
+        "±(C + D). Enter: none; then no certificate by points without an uncertainty of their own"
+    )
+    while typed := prompt("A,B,C,D: ").strip():
+        try:
+            limits = read_limits(typed)
+        except OptionsInvalid as error:
+            terminal.note(f"{error.problem}: {error.remedy}, or nothing")
+            continue
+        data_sheet = prompt("data sheet (number, date): ").strip()
+        typed_by = prompt("your name: ").strip()
+        if data_sheet and typed_by:
+            return replace(options, tracker_limits=limits, data_sheet=data_sheet, typed_by=typed_by)
+        terminal.note("limits need their source: give the data sheet and your name, or nothing")
+    return options
 
 
 def _number(text: str) -> float:

@@ -56,6 +56,7 @@ def page_of(evaluation: Evaluation, made_utc: str) -> Page:
         ("serial number", config.instruments.robot_serial),
         ("place", config.people.site),
         ("operator", config.people.operator),
+        ("authorised by", certificate.authorised_by),
         ("campaign", config.name),
         ("first series begun", times[0] if times else ""),
         ("last series begun", times[-1] if times else ""),

@@ -8,28 +8,62 @@ that was valid for the last shot. Digests tie the page to the journal, the plan 
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from datetime import datetime
+
+import numpy as np
 
 from app.report import figures, tables
 from app.report.section import Section
 from campaigns.campaign import moment
-from campaigns.evaluation.time_series import TimeSeries, stated_uncertainty_mm, time_series
+from campaigns.evaluation.time_series import TimeSeries, time_series, worst_std_mm
 from campaigns.evaluation.verdict import Check
-from campaigns.evidence import Evaluation, Evidence, Incident, JournalFacts
+from campaigns.evidence import (
+    Evaluation,
+    Evidence,
+    Incident,
+    JournalFacts,
+    MeasuredSeries,
+    restated_series,
+)
 from campaigns.files.table import NOTHING, Column, Row, by_place, number, words
 from campaigns.identification.result import Frame, RecordedIdentification
 from campaigns.journal.records import Event, Rejected, SeriesStarted
 from campaigns.journal.views import Series
+from campaigns.settings.instrument import StatedInstrument
 from campaigns.settings.sections import CertificateConfig
 from campaigns.shots.import_export import imported_files
+from campaigns.shots.shots import Shots
+from drivers.values import Identity
 
-TRACKER: tuple[Column[tuple[TimeSeries, float | str, float | None]], ...] = (
-    words("series", lambda row: row[0].name),
-    Column("u of a point, median", lambda row: row[1], "mm", 4),
-    Column("largest", lambda row: row[2], "mm", 4),
-    Column("air from", lambda row: (row[0].air_range or (None,))[0], "°C", 2),
-    Column("to", lambda row: (row[0].air_range or (None,))[-1], "°C", 2),
-    Column("drift pose moved", lambda row: row[0].moved_mm, "mm"),
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackerRow:
+    """Series with its air and drift, and the tracker's uncertainty at its points."""
+
+    course: TimeSeries
+    median_mm: float
+    """Median u of a point."""
+    largest_mm: float
+    source: str
+    """Source of u, in words."""
+
+
+TRACKER: tuple[Column[TrackerRow], ...] = (
+    words("series", lambda row: row.course.name),
+    Column("u of a point, median", lambda row: row.median_mm, "mm", 4),
+    Column("largest", lambda row: row.largest_mm, "mm", 4),
+    words("u from", lambda row: row.source),
+    Column("air from", lambda row: (row.course.air_range or (None,))[0], "°C", 2),
+    Column("to", lambda row: (row.course.air_range or (None,))[-1], "°C", 2),
+    Column("drift pose moved", lambda row: row.course.moved_mm, "mm"),
+)
+INSTRUMENT: tuple[Column[tuple[str, StatedInstrument]], ...] = (
+    words("series", lambda row: row[0]),
+    words("along the beam", lambda row: row[1].limits_in_words[0]),
+    words("across it", lambda row: row[1].limits_in_words[1]),
+    words("common: scale, axes, reflector", lambda row: row[1].limits_in_words[2]),
+    words("source", lambda row: row[1].source_in_words),
 )
 FRAMES: tuple[Column[tuple[str, Frame]], ...] = (
     words("shots", lambda row: row[0]),
@@ -76,7 +110,7 @@ def facts(evaluation: Evaluation) -> Iterator[Row]:
     # the latest series counts in which a device stated who it is: imported series have no devices
     started = [s.started for s in reversed(evidence.journal.series)] if evidence.journal else []
     robot = next((start.robot for start in started if start.robot), "")
-    tracker = next((start.tracker for start in started if start.tracker), "")
+    tracker = _stated_tracker(evidence) or " ".join(filter(None, _tracker_named(evidence).values()))
     identification, times = evidence.identification, _times_utc(evidence)
     yield from (
         ("controller", str(robot)),
@@ -88,6 +122,7 @@ def facts(evaluation: Evaluation) -> Iterator[Row]:
         ("speed", f"{config.controller.speed_percent:g} % of full speed"),
         ("measured", f"{moment(times[0])} to {moment(times[-1])}" if times else ""),
         ("conditions", certificate.conditions),
+        ("authorised by", certificate.authorised_by),
         ("method", NOTHING if identification is None else _method(identification)),
     )
 
@@ -122,16 +157,50 @@ def certificate_lacks(evaluation: Evaluation) -> list[str] | None:
         "instruments.robot_serial": config.instruments.robot_serial,
         "people.site": config.people.site,
         "people.operator": config.people.operator,
+        "certificate.authorised_by": certificate.authorised_by,
+        "certificate.robot_type": certificate.robot_type,
+        **_tracker_named(evidence),
     }
     empty = ", ".join(f"`{key}`" for key, value in needed.items() if not value)
     lacks = [f"{empty} in campaign.yaml"] if empty else []
+    if not (certificate.conditions or _has_air(evaluation)):
+        lacks.append(
+            "the environment: temperatures of the air, or `certificate.conditions` in campaign.yaml"
+        )
     if evaluation.after is None:
         lacks.append("a validation after calibration")
     if evidence.simulated:
         lacks.append("a real cell: this one is simulated")
     elif why_untraceable(evidence):
         lacks.append("a valid certificate of the tracker")
+    lacks += why_unstated(evidence)
     return lacks
+
+
+def _tracker_named(evidence: Evidence) -> dict[str, str]:
+    """Return maker with model, and serial number of the tracker, by their keys in campaign.yaml.
+
+    What the device stated counts, or else what campaign.yaml does.
+    """
+    identity, config = _stated_tracker(evidence), evidence.campaign.config
+    model = f"{identity.vendor} {identity.model}".strip() if identity else ""
+    return {
+        "instruments.tracker": model or config.instruments.tracker,
+        "tracker.serial": (identity.serial if identity else "") or config.tracker.serial or "",
+    }
+
+
+def _stated_tracker(evidence: Evidence) -> Identity | None:
+    """Return what the tracker stated to be, in the latest series with a device; None without."""
+    series = evidence.journal.series if evidence.journal else ()
+    return next((s.started.tracker for s in reversed(series) if s.started.tracker), None)
+
+
+def _has_air(evaluation: Evaluation) -> bool:
+    """Return whether the air was recorded, at the start of a series or with its shots."""
+    journal = evaluation.evidence.journal
+    at_start = any(s.started.weather is not None for s in (journal.series if journal else ()))
+    return at_start or any(len(course.temperature_degC) for course in evaluation.time_series)
 
 
 def traceability(evidence: Evidence) -> str:
@@ -198,16 +267,20 @@ def tracker_section(evaluation: Evaluation) -> Section:
     evidence, identification = evaluation.evidence, evaluation.evidence.identification
     incidents = evidence.journal.incidents if evidence.journal else ()
     rejected = [i.record.reason for i in incidents if isinstance(i.record, Rejected)]
-    stated = [(name, series.shots) for name, series in evidence.by_stage()]
     section.table(
         "Tracker, air and drift",
         TRACKER,
-        [
-            (time_series(name, shots), *(stated_uncertainty_mm(shots) or ("not stated", None)))
-            for name, shots in stated
-        ],
-        "u: the tracker's statement, 1 σ in the worst direction. Shots lost with the beam: "
+        [_tracker_row(evidence, name, item) for name, item in evidence.by_stage()],
+        "u: 1 σ in the worst direction, from each point's statement, or else from the limits "
+        "below. Shots lost with the beam: "
         f"{sum(reason.startswith('beam broken') for reason in rejected)}.",
+    )
+    section.table(
+        "Limits (MPE) of the tracker, as stated when the series were measured or imported",
+        INSTRUMENT,
+        _instruments_stated(evidence),
+        "What campaign.yaml said then counts, whatever it says now. Limits over √3 are 1 σ. Those "
+        "of what all shots have in common are in U whatever each point states.",
     )
     if identification is not None:
         title = "Errors of the tracker, as identified"
@@ -232,6 +305,60 @@ def tracker_section(evaluation: Evaluation) -> Section:
         "of the instrument's own check with this report"
     )
     return section
+
+
+def _tracker_row(evidence: Evidence, name: str, item: MeasuredSeries) -> TrackerRow:
+    """Return a series' row, whose u is each point's own or by the limits that count for it."""
+    shots, stated = item.shots, evidence.campaign.instrument_of(item.series.started)
+    median_mm, largest_mm = worst_std_mm(shots.covariance_mm2(stated.uncertainty))
+    source = "each point's own statement"
+    if count := _without_statement(shots):
+        all_or_some = "" if count == len(shots) else f", for {count} of {len(shots)}"
+        source = f"limits: {stated.source}{all_or_some}"
+    return TrackerRow(time_series(name, shots), median_mm, largest_mm, source)
+
+
+def _without_statement(shots: Shots) -> int:
+    """Return the number of shots without an uncertainty of their own."""
+    return int(np.isnan(shots.stated_covariance_mm2).any(axis=(1, 2)).sum())
+
+
+def _instruments_stated(evidence: Evidence) -> list[tuple[str, StatedInstrument]]:
+    """Return the limits of the tracker as recorded, each once, with the numbers of all its series.
+
+    Series that count no more are among them: limits that were changed show here.
+    """
+    seen: dict[StatedInstrument, list[str]] = {}
+    for series in evidence.journal.series if evidence.journal else ():
+        stated = evidence.campaign.instrument_of(series.started)
+        seen.setdefault(stated, []).append(str(series.number))
+    return [(", ".join(numbers), stated) for stated, numbers in seen.items()]
+
+
+def why_unstated(evidence: Evidence) -> Iterator[str]:
+    """Yield what a certificate lacks of the source of the tracker's uncertainty."""
+    by_source: dict[str, list[str]] = {}
+    for _, item in evidence.by_stage():
+        source = evidence.campaign.instrument_of(item.series.started).source
+        if source != "data sheet" and _without_statement(item.shots):
+            by_source.setdefault(source, []).append(str(item.series.number))
+    for kind, numbers in by_source.items():
+        of = f"U of series {', '.join(numbers)}"
+        if kind == "default":
+            yield (
+                f"the tracker's data sheet: {of} rests on default limits (state "
+                "`tracker.uncertainty` with data_sheet and typed_by, and measure anew)"
+            )
+        else:
+            yield (
+                f"the source of the tracker's uncertainty: {of} rests on limits whose source the "
+                "journal does not record (import or measure anew)"
+            )
+    for series, earlier, smaller in restated_series(evidence):
+        yield (
+            f"limits of the tracker that were stated before the points were there: series {series} "
+            f"has the points of series {earlier}, with smaller ones ({smaller})"
+        )
 
 
 def _frames(identification: RecordedIdentification) -> list[tuple[str, Frame]]:
@@ -350,6 +477,10 @@ def _digests(evidence: Evidence, journal: JournalFacts) -> Iterator[Row]:
         started = run.series.started
         of = "imported shots, as shots.csv" if started.stage == "import" else "plan as measured"
         yield of, started.plan_digest
+    for item in evidence.after:
+        started = item.series.started
+        if started.stage == "after by targets" and not started.declared:
+            yield f"series {item.series.number}, poses wanted of the targets", started.plan_digest
     yield "nominal robot's geometry", evidence.campaign.nominal.robot.digest()
     if evidence.parameter_file is not None:
         yield "compensated robot's geometry", evidence.parameter_file.digest()

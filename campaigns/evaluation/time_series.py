@@ -97,12 +97,8 @@ def settling(
     )
 
 
-def stated_uncertainty_mm(shots: Shots) -> tuple[float, float] | None:
-    """Return median and largest σ as the tracker stated it, in each shot's worst direction."""
+def worst_std_mm(covariance_mm2: Array) -> tuple[float, float]:
+    """Return median and largest 1 σ of points (N, 3, 3), in each one's worst direction, mm."""
     # eigvalsh sorts ascending: the last eigenvalue is the variance along the worst direction.
-    stated = shots.stated_covariance_mm2
-    finite = stated[~np.isnan(stated).any(axis=(1, 2))]
-    if len(finite) == 0:
-        return None
-    worst = np.sqrt(np.linalg.eigvalsh(finite)[:, -1])
+    worst = np.sqrt(np.linalg.eigvalsh(covariance_mm2)[:, -1])
     return float(np.median(worst)), float(worst.max())

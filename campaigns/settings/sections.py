@@ -92,6 +92,12 @@ class TrackerLimitsConfig(FileModel):
     across_um_per_m: LimitPerMetre = Field(
         default=6.0, description="the increase of this limit per metre of distance, µm"
     )
+    data_sheet: str = Field(
+        default="",
+        description="the document that states these limits; empty: they are a common tracker's, by "
+        "which no certificate is issued",
+    )
+    typed_by: str = Field(default="", description="who took the limits from it")
 
 
 class TrackerCommonConfig(FileModel):
@@ -300,7 +306,8 @@ class TrackerConfig(FileModel):
     )
     uncertainty: TrackerLimitsConfig = Field(
         default=TrackerLimitsConfig(),
-        description="the limits (MPE) of its data sheet, by default a common tracker's; for plans",
+        description="the limits (MPE) of its data sheet, for plans and for points without an "
+        "uncertainty of their own; state them before anything is measured",
     )
     common: TrackerCommonConfig = Field(
         default=TrackerCommonConfig(),
@@ -516,6 +523,9 @@ class InstrumentsConfig(FileModel):
     """Facts that no device reports, for the record."""
 
     robot_serial: str = Field(default="", description="the mechanism's serial number, in quotes")
+    tracker: str = Field(
+        default="", description="the tracker's maker and model, if no device states them"
+    )
     reflector_serial: str = Field(
         default="", description="the reflector's serial number, in quotes"
     )
@@ -543,6 +553,7 @@ class CertificateConfig(FileModel):
     )
     customer: str = Field(default="", description="name and address of the customer")
     laboratory: str = Field(default="", description="name and address of the laboratory")
+    authorised_by: str = Field(default="", description="who authorises the certificate")
     robot_type: str = Field(default="", description="the robot's maker and type")
     tool: str = Field(default="", description="the tool or reflector holder on the plate")
     payload_kg: float | None = Field(default=None, ge=0.0, description="the payload, kg")

@@ -27,6 +27,7 @@ from campaigns.identification.result import (
 )
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Finding
+from campaigns.journal.views import Series
 from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.work import Work
 from campaigns.options import CheckOptions
@@ -104,7 +105,8 @@ def record_check(campaign: Campaign, journal: Journal, series: int) -> RecordedC
     """
     identification, posterior = _passed_identification(campaign, journal)
     shots = _shots(campaign, journal, series)
-    judged = check(campaign.robot.kinematics, shots, posterior, identification_options(campaign))
+    fit_options = identification_options(campaign, series=_series(journal, series))
+    judged = check(campaign.robot.kinematics, shots, posterior, fit_options)
     of = _digest(campaign, identification)
     recorded = RecordedCheck(**asdict(judged), series=series, of=of, at_utc=now_utc())
     journal.append(Finding("check", asdict(recorded)), series=series)
@@ -129,7 +131,7 @@ def update_by_check(campaign: Campaign) -> RecordedIdentification:
                 remedy=f"run `pkmcal check {campaign.folder}` first",
             )
         shots = _shots(campaign, journal, checked.series)
-        fit_options = identification_options(campaign)
+        fit_options = identification_options(campaign, series=_series(journal, checked.series))
         result = update(campaign.robot.kinematics, shots, posterior, fit_options, checked.parts)
         former, positions = identification.provenance, identification.uncertainty.position_std_mm
         recorded = RecordedIdentification.of(
@@ -180,6 +182,11 @@ def _passed_identification(
 def _digest(campaign: Campaign, identification: RecordedIdentification) -> str:
     """Return the digest of the identified parameters."""
     return identification.value.parameter_set(campaign.robot.mechanism).digest()
+
+
+def _series(journal: JournalReader, number: int) -> Series:
+    """Return a check's series."""
+    return next(each for each in journal.series("check") if each.number == number)
 
 
 def _shots(campaign: Campaign, journal: JournalReader, series: int) -> Shots:

@@ -72,13 +72,13 @@ def identify(
     named_priors(options.prior, table)  # raises for an unknown name; the result is not needed here
     for pattern in (*options.free, *options.fix):
         matching(pattern, table)
-    fit_options = identification_options(campaign, options)
     campaign.require_journal()
     with campaign.journal() as journal:
         series = campaign.series_to_identify(journal)
         measured = _observations(campaign, journal, series, options)
         if series is None and not measured:
             raise campaign.nothing_measured()
+        fit_options = identification_options(campaign, options, series)
         shots = None if series is None else _shots(campaign, journal, series, options)
         started_s = time.perf_counter()
         result: IdentificationResult
@@ -134,20 +134,25 @@ def _observations(
     rows = hold_out(rows, options.hold_out, rng) if options.hold_out else rows
     objects = objects_of(campaign.config.objects)
     shots = () if series is None else journal.shots(series.number)
-    by_tracker = reflector_observations(shots, objects, campaign.instrument)
+    instrument = campaign.instrument
+    if series is not None:
+        instrument = campaign.instrument_of(series.started).uncertainty
+    by_tracker = reflector_observations(shots, objects, instrument)
     return (*measured_of(rows, objects), *by_tracker)
 
 
 def identification_options(
-    campaign: Campaign, options: IdentificationOptions | None = None
+    campaign: Campaign, options: IdentificationOptions | None = None, series: Series | None = None
 ) -> IdentificationOptions:
     """Return options completed by a campaign's tolerances, tracker, limits and workspace.
 
-    `options` None: the usual ones.
+    `options` None: the usual ones. `series` is that of the shots, whose tracker counts; None: what
+    is measured now.
     """
+    stated = None if series is None else campaign.instrument_of(series.started)
     return replace(
         options or IdentificationOptions(),
-        instrument=campaign.instrument,
+        instrument=campaign.instrument if stated is None else stated.uncertainty,
         tolerances=campaign.robot.tolerances,
         limits_mm=campaign.config.acceptance.distances_mm,
         rotation_deg=campaign.config.acceptance.rotation_deg,

@@ -25,7 +25,7 @@ from campaigns.controllers.export import FILE_NAME, WrittenSet, written_sets
 from campaigns.controllers.load_checks import read_parameter_file
 from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.evaluation.plausibility import check_distances, check_shots
-from campaigns.evidence import STAGES
+from campaigns.evidence import STAGES, is_program_there, program_path
 from campaigns.identification.observed import measured_of, objects_of
 from campaigns.identification.other_kinds import other_kinds
 from campaigns.identification.plausible_observations import check_observations
@@ -33,6 +33,7 @@ from campaigns.journal.records import Finding, Stage
 from campaigns.kinematics.model import Kinematics
 from campaigns.options import ValidationStage
 from campaigns.robots.reduced_form import form_of
+from campaigns.settings.instrument import StatedInstrument
 from campaigns.settings.sections import TrackerConfig
 from campaigns.shots.import_export import ImportedFile, ImportedSeries, append_import, refuse_copies
 from campaigns.shots.observation_records import (
@@ -221,6 +222,11 @@ def import_validation(
         raise objections[0]
     # 2. What no consent overrules: copies, and shots of another robot.
     _check(campaign, rows, terms, STAGES[stage] if terms.anyway else set())
+    by_targets = _is_by_targets(held, stage)
+    declared, files = held.file, tuple(terms.files)
+    if by_targets:
+        declared, run = _program_run(campaign, held)
+        files += run
     # 3. Write overruled objections and the shots, and judge them. Shots that are refused above
     #    change nothing.
     kinematics, order = Kinematics.of(campaign.robot.mechanism, held.wanted), _order(rows, terms)
@@ -233,9 +239,9 @@ def import_validation(
         imported = ImportedSeries(
             held.digest,
             settings,
-            terms.files,
-            stage="after by targets" if _is_by_targets(held, stage) else stage,
-            declared=held.file,
+            files,
+            stage="after by targets" if by_targets else stage,
+            declared=declared,
         )
         series = append_import(journal, rows, kinematics, imported, order)
         return validation.record_validation(campaign, journal, series, stage, held.by)
@@ -256,6 +262,17 @@ def _require_tests(rows: Sequence[ShotRow], name: str) -> None:
 def _is_by_targets(held: WrittenSet, stage: ValidationStage) -> bool:
     """Return whether a stage was measured at targets that were corrected with the set."""
     return held.by == "targets" and stage == "after"
+
+
+# A file of corrected poses may hold any poses. What the robot was commanded in the validation is in
+# the program for it, whose heading names the set that its poses are corrected with.
+def _program_run(campaign: Campaign, held: WrittenSet) -> tuple[str, tuple[ImportedFile, ...]]:
+    """Return what declares corrected targets, in words, and the program that was run, if any."""
+    program = program_path(campaign.folder, "after")
+    if not is_program_there(campaign.folder, "after", held.digest):
+        return f"{held.file}, without {program.name} of that set", ()
+    run = ImportedFile.of(program)
+    return f"{run.name}, sha256 {run.sha256[:16]}…", (run,)
 
 
 def _objections(
@@ -335,6 +352,13 @@ def _check(
     shots = shots_of_rows(rows, nominal)
     if averaged := averaged_in_words(shots, nominal.mechanism.joints):
         terms.tell(f"{name}: {averaged}")
+    has_none = np.isnan(shots.stated_covariance_mm2).any(axis=(1, 2))
+    if has_none.any() and StatedInstrument.of(campaign.config.tracker).source == "default":
+        terms.tell(
+            f"{name}: {has_none.sum()} points have no uncertainty of their own: U rests on default "
+            "limits, by which no certificate is issued; state tracker.uncertainty with data_sheet "
+            "and typed_by in campaign.yaml before you import them"
+        )
     shots = shots.rows(np.flatnonzero([bool(row.joints) and row.purpose.on_robot for row in rows]))
     numbers = np.unique(shots.session).tolist()
     # The tracker's place distinguishes the arms of a symmetrical robot. It is left out where

@@ -364,7 +364,9 @@ def _evaluated(
     mechanism = campaign.robot.mechanism
     shots = by_stops(shots_of_journal(journal.shots(series), mechanism), mechanism.joints)
     scatter = evaluate(campaign).scatter
-    return validation.evaluate_validation(shots, campaign.instrument, series, scatter)
+    started = next(each.started for each in journal.series() if each.number == series)
+    instrument = campaign.instrument_of(started).uncertainty
+    return validation.evaluate_validation(shots, instrument, series, scatter)
 
 
 def _unseen_pairs(campaign: Campaign) -> tuple[PlannedShot, ...]:

@@ -97,14 +97,20 @@ def test_a_dry_run_has_its_scenarios_limits_and_a_controller_that_computes_all(t
 )
 def test_new_plans_by_what_the_simulated_tracker_is_like(tmp_path, scenario, limits):
     tracker = new_campaign.create_simulated(tmp_path / "try", "par4-prototype", scenario).tracker
-    assert tuple(tracker.uncertainty.model_dump().values()) == limits
+    *figures, data_sheet, typed_by = tracker.uncertainty.model_dump().values()
+    assert tuple(figures) == limits
+    assert (data_sheet, typed_by) == ("simulated tracker of cell.yaml", "pkmcal")
 
 
 @pytest.mark.parametrize(
     ("typed", "limits", "place"),
     [
-        (["0.1", "x", "0,3 mm", "20 -30", "20, -30 -45.5 mm"], (0.1, 0.3), (20.0, -30.0, -45.5)),
-        (["", "", ""], (None, None), None),
+        (
+            ["0.1", "x", "0,3 mm", "", "20 -30", "20, -30 -45.5 mm"],
+            (0.1, 0.3),
+            (20.0, -30.0, -45.5),
+        ),
+        (["", "", "", ""], (None, None), None),
     ],
 )
 def test_new_for_a_real_cell_asks_for_limits_and_the_reflector(
@@ -122,8 +128,45 @@ def test_new_for_a_real_cell_asks_for_limits_and_the_reflector(
     assert list(answers) == []
 
 
+SOURCE = ("Acme data sheet 3, 2024", "A. Bee")
+
+
+@pytest.mark.parametrize(
+    ("typed", "limits"),
+    [
+        (["Acme LT5", "8,0.4", "8,0.4,12,5", *SOURCE], [8.0, 0.4, 12.0, 5.0, *SOURCE]),
+        (["Acme LT5", "8,0.4,12,5", SOURCE[0], "", ""], [10.0, 0.3, 15.0, 6.0, "", ""]),
+    ],
+)
+def test_new_asks_for_the_tracker_and_who_took_its_limits_from_where(
+    pkmcal, tmp_path, monkeypatch, typed, limits
+):
+    answers = iter(["", "", *typed, ""])
+    monkeypatch.setattr(Terminal, "prompt", lambda _: lambda _question: next(answers))
+    assert pkmcal("new", tmp_path / "cell-3", "--offline").code == 0
+    config = open_campaign(tmp_path / "cell-3").config
+    assert config.instruments.tracker == "Acme LT5"
+    assert [*config.tracker.uncertainty.model_dump().values()] == limits
+    assert list(answers) == []
+
+
+def test_new_takes_the_tracker_by_options_with_its_source_or_not_at_all(pkmcal, tmp_path):
+    limits = ("--tracker-limits", "8,0.4,12,5")
+    source = ("--data-sheet", SOURCE[0], "--typed-by", SOURCE[1])
+    made = pkmcal("new", tmp_path / "a", "--offline", "--tracker-name", "Acme", *limits, *source)
+    assert made.code == 0, made.err
+    stated = open_campaign(tmp_path / "a").config.tracker.uncertainty
+    assert [*stated.model_dump().values()] == [8.0, 0.4, 12.0, 5.0, *SOURCE]
+    refused = pkmcal("new", tmp_path / "b", "--offline", *limits, *source[:2])
+    assert "--typed-by missing" in refused.error_line
+    refused = pkmcal("new", tmp_path / "b", *limits, *source)
+    assert "a simulated cell states its own" in refused.error_line
+    refused = pkmcal("new", tmp_path / "b", "--offline", "--tracker-limits", "8,1", *source)
+    assert "not four numbers" in refused.err
+
+
 def test_new_takes_the_reflector_as_an_option_and_asks_no_more(pkmcal, tmp_path, monkeypatch):
-    answers = iter(["", ""])
+    answers = iter(["", "", ""])
     monkeypatch.setattr(Terminal, "prompt", lambda _: lambda _question: next(answers))
     words = ("new", tmp_path / "cell-3", "--offline", "--reflector", "-20,30,1.5")
     assert pkmcal(*words).code == 0

@@ -81,6 +81,10 @@ class PaperCampaign:
     noise_mm: float = NOISE_MM
     clock: Clock = field(default_factory=Clock)
     controller: Kinematics = field(default_factory=lambda: NOMINAL.robot.kinematics)
+    states_uncertainty: bool = True
+    """Whether the tracker states an uncertainty of each point."""
+    records_settings: bool = False
+    """Whether the series have the settings of campaign.yaml, as those of the engine have."""
 
     def journal(self) -> Journal:
         path = self.campaign.journal_path
@@ -113,8 +117,9 @@ class PaperCampaign:
         digest = self.robot_digest()
         with self.journal() as journal:
             plan = plan_digest(shots, MECHANISM)
+            config = self.campaign.config.model_dump(mode="json") if self.records_settings else {}
             started = records.SeriesStarted(
-                stage, plan, {}, "0.1.0", digest, CONTROLLER, TRACKER, air
+                stage, plan, config, "0.1.0", digest, CONTROLLER, TRACKER, air
             )
             series = journal.start_series(started)
             journal.append(records.SessionStarted("0.1.0", CONTROLLER, TRACKER, air), series=series)
@@ -172,7 +177,7 @@ class PaperCampaign:
             attempt,
             tuple(joints.tolist()),
             tuple(seen.tolist()),
-            covariance,
+            covariance if self.states_uncertainty else None,
             air,
             "raw robot",
             "raw tracker",

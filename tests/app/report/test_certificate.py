@@ -30,6 +30,7 @@ WHOLE = CertificateConfig(
     number="C-1",
     customer="Acme, Main Street 1",
     laboratory="Cal Lab",
+    authorised_by="C. Dee",
     robot_type="Acme P4",
     tool="flange",
     payload_kg=1.5,
@@ -77,7 +78,8 @@ def test_the_page_is_a_certificate_once_nothing_lacks(tmp_path) -> None:
     )
     before = page(paper)
     assert "<title>Calibration report" in before.html
-    assert "As a calibration certificate this report lacks a validation after" in before.missing[-1]
+    assert "As a calibration certificate this report lacks" in before.missing[-1]
+    assert "a validation after calibration" in before.missing[-1]
     paper.validate("after", frozenset({ShotSet.REPEATABILITY}))
     text = page(paper).html
     assert "<title>Calibration certificate" in text
@@ -115,7 +117,7 @@ def test_settings_of_the_former_certificate_open_where_they_are_empty(tmp_path) 
     head = "certificate:\n"
     text = path.read_text(encoding="utf-8")
     assert head in text
-    empty = f'{head}  measured_by: ""\n  authorised_by: ""\n'
+    empty = f'{head}  measured_by: ""\n'
     path.write_text(text.replace(head, empty), encoding="utf-8")
     open_campaign(path.parent)
     path.write_text(text.replace(head, f'{head}  measured_by: "A. Bee"\n'), encoding="utf-8")

@@ -1,5 +1,6 @@
 """Validations measured elsewhere: judged as measured ones, with the set declared to be held."""
 
+import hashlib
 import json
 import shutil
 from collections.abc import Sequence
@@ -15,14 +16,14 @@ from paper_campaign import validation_shots as planned_shots
 from app.main import run_command
 from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.evaluation.validation import SET_OF
-from campaigns.evidence import Evaluation
+from campaigns.evidence import Evaluation, program_path
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Finding
 from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.resume import series_to_take_up
 from campaigns.options import ValidationOptions, ValidationStage
 from campaigns.robots.robot import compensated, pose_row, read_robot
-from campaigns.shots.import_export import exported_shots
+from campaigns.shots.import_export import exported_shots, imported_files
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, write_shots
 from campaigns.workflow.correction import correct_file
@@ -91,10 +92,22 @@ def test_the_gain_of_a_closed_controller_is_proved_by_shots_measured_elsewhere(
     assert 20.0 * accuracy.after.value_mm < accuracy.before.value_mm
     assert evaluation.gains[0].after.value_mm < 0.05 * evaluation.gains[0].before.value_mm
     held = evaluation.evidence.held("after")
-    assert (held.kind, held.targets, held.declared) == ("identified", True, "corrected.csv")
+    declared = "corrected.csv, without program-after.csv of that set"
+    assert (held.kind, held.targets, held.declared) == ("identified", True, declared)
     assert broken(evaluation) == []
     said = "Validated after with targets corrected with what was identified in this campaign "
-    assert f"{said}(declared by corrected.csv, not read)." in evaluation.verdict.reasons
+    assert f"{said}(declared by {declared}, not read)." in evaluation.verdict.reasons
+
+
+def test_the_evidence_of_corrected_targets_is_the_program_that_was_run(paper, identified):
+    correct(paper)
+    program = program_path(paper.folder, "after")
+    program.write_text(f"# calibrated by sha256 {declared_set(paper.campaign, 'after').digest}\n")
+    evidence = imported(paper, "after", rows(paper, identified)).evaluation.evidence
+    sha256 = hashlib.sha256(program.read_bytes()).hexdigest()
+    assert evidence.held("after").declared == f"program-after.csv, sha256 {sha256[:16]}…"
+    files = imported_files(evidence.after[-1].series.started)
+    assert [(file.name, file.sha256) for file in files] == [(program.name, sha256)]
 
 
 def test_last_export_is_declared_by_default_and_counts_more_than_an_earlier_load(
@@ -107,6 +120,7 @@ def test_last_export_is_declared_by_default_and_counts_more_than_an_earlier_load
     backwards = [replace(row, time=f"{-place}") for place, row in shots]
     evaluation = imported(paper, "after", backwards, tell=told.append).evaluation
     last = len(backwards) - 1
+    assert "have no uncertainty of their own: U rests on default limits" in told.pop(0)
     assert told == [f"shots: sorted by time: shot {last} was measured before shot {last - 1}"]
     held = evaluation.evidence.held("after")
     assert (held.kind, held.targets) == ("identified", False)
