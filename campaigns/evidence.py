@@ -16,7 +16,8 @@
 # identified set or a form of it. A link that does not hold keeps the verdict from being a pass.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -30,7 +31,7 @@ from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.controllers.export import PLAIN, WrittenSet, written_sets
 from campaigns.controllers.load_journal import Load, load_history, read_load
-from campaigns.errors import CampaignError, FindingUnreadable
+from campaigns.errors import CampaignError, FindingUnreadable, PlanInvalid
 from campaigns.evaluation import model_errors, validation
 from campaigns.evaluation.robot_scatter import RobotScatter
 from campaigns.evaluation.simulated_devices import OWN_EQUATIONS, simulated_devices
@@ -56,7 +57,14 @@ from campaigns.journal.records import Event, Finding, FindingKind, PairVoided, R
 from campaigns.journal.views import Series
 from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.kinematics.mechanism import Mechanism
-from campaigns.planning.plan_file import PlannedShot, plan_difference, plan_digest
+from campaigns.planning.plan_file import (
+    PlannedShot,
+    older_plans,
+    plan_difference,
+    plan_digest,
+    read_options,
+    read_plan,
+)
 from campaigns.robots.robot import RobotFile, read_robot
 from campaigns.settings.instrument import StatedInstrument
 from campaigns.shots.observation_records import (
@@ -170,6 +178,10 @@ class Evidence:
     """Latest check."""
     plan: tuple[PlannedShot, ...] | None = None
     """Shots of plan.csv."""
+    plan_options: tuple[str, ...] = ()
+    """Options that plan.csv was made with, as words."""
+    older_plans: Mapping[str, str] = field(default_factory=dict)
+    """Names of the older plans that are kept beside plan.csv, by their digests."""
     parameter_file: RobotFile | None = None
     """Exported robot file in the campaign's folder."""
     spoilt_parameter_file: bool = False
@@ -458,6 +470,8 @@ def gather(campaign: Campaign) -> Evidence:
     files = Evidence(
         campaign=campaign,
         plan=_read_if_there(campaign.plan_path, lambda _: campaign.read_plan(), unreadable),
+        plan_options=read_options(campaign.plan_path, mechanism),
+        older_plans=_older_plans(campaign),
         plans_observations=any(row.is_planned for row in rows or ()),
         parameter_file=parameters,
         spoilt_parameter_file=parameters is None and path.exists(),
@@ -467,6 +481,15 @@ def gather(campaign: Campaign) -> Evidence:
         return files
     with campaign.journal_reader() as journal:
         return _with_journal(files, journal)
+
+
+def _older_plans(campaign: Campaign) -> dict[str, str]:
+    """Return the names of older plans by their digests; those that cannot be read are left out."""
+    mechanism, names = campaign.robot.mechanism, dict[str, str]()
+    for path in older_plans(campaign.plan_path):
+        with suppress(PlanInvalid):
+            names[plan_digest(read_plan(path, mechanism), mechanism)] = path.name
+    return names
 
 
 def _with_journal(files: Evidence, journal: JournalReader) -> Evidence:
@@ -663,9 +686,12 @@ def _checks(evidence: Evidence) -> Iterator[Check]:
     # an import was measured without plan.csv
     without_plan = evidence.observations.files if run is None else _is_imported(run)
     if not without_plan:
-        yield same_digest(
-            "plan.csv is the plan that was measured", *_plan_digests_to_compare(evidence)
-        )
+        now, measured = _plan_digests_to_compare(evidence)
+        of_plan = same_digest("plan.csv is the plan that was measured", now, measured)
+        kept = evidence.older_plans.get(measured or "")
+        if of_plan.holds is False and kept:
+            of_plan = replace(of_plan, detail=f"{of_plan.detail}; {kept} is: rename it to plan.csv")
+        yield of_plan
     if identification is None:
         yield Check("the results belong to one identification", None, "nothing was identified")
     else:

@@ -10,8 +10,10 @@
 # change the state, as with limits that are not met, the row says first what to do by hand.
 #
 # Advice names commands with fixed options only. Options that an operator typed earlier are not
-# repeated: what was right for one identification may be wrong for the next.
+# repeated: what was right for one identification may be wrong for the next. A plan that has to be
+# made again is the exception, for without its options it would be another campaign.
 
+import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -89,6 +91,8 @@ class CampaignState:
     planned: bool = False
     to_observe: bool = False
     """Whether a run measures planned observations alone, without shots."""
+    plan_options: tuple[str, ...] = ()
+    """Options that plan.csv was made with, as words."""
     misplaced: str = ""
     """Place where the shots found the tracker, in words; empty if campaign.yaml agrees."""
     before: bool = False
@@ -160,7 +164,7 @@ ROWS = (
     # set up and plan
     Row(
         lambda s: bool(s.misplaced) and (not s.measured or s.unmeasured == "run"),
-        "plan {folder}",
+        "plan {folder}{plan_options}",
         "set tracker.place_mm in campaign.yaml ({misplaced})",
     ),
     Row(
@@ -266,8 +270,10 @@ def next_step(state: CampaignState) -> NextStep | None:
     if state.measured == "run":
         again = "run {folder} --anew"
     file = "" if state.file == FILE_NAME else quoted(f"{state.folder}/{state.file}")
+    options = (*state.plan_options, *(["--force"] if state.measured == "run" else []))
     words = {
         "folder": folder,
+        "plan_options": f" {shlex.join(options)}" if options else "",
         "again": again.format(folder=folder),
         "remedy": (state.remedy or again).format(folder=folder),
         "remedy_first": state.remedy_first,
@@ -305,6 +311,7 @@ def state_of(
         program_after=evidence.program_after,
         planned=bool(runs) or evidence.plan is not None,
         to_observe=evidence.plans_observations and not (evidence.plan or campaign.is_offline),
+        plan_options=evidence.plan_options,
         misplaced=_misplaced(evidence),
         objects=bool(campaign.config.objects),
         before=bool(evidence.before),

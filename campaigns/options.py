@@ -96,6 +96,10 @@ class PlanOptions:
     ] = "position"
     fix: Fixed = ()
     seed: Annotated[int | None, Option("Another seed than campaign.yaml's.", "N", least=0)] = None
+    force: Annotated[
+        bool,
+        Option("Plan anew although shots of plan.csv are measured; the old plan is kept beside."),
+    ] = False
 
     def __post_init__(self) -> None:
         if self.shots is not None and self.shots % 2:

@@ -77,7 +77,7 @@ def command(
     rehearsal, reasons_against = rehearse(campaign, terminal, IdentificationOptions())
     # the report is written also of a dry run that ended early: it says what is missing
     heading(terminal, STAGES, "report")
-    _, path = report(campaign)
+    _, path, _ = report(campaign)
     terminal.say(path.name)
     seconds = time.monotonic() - started_s
     for reason in reasons_against:

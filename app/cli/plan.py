@@ -1,5 +1,6 @@
 """pkmcal plan: choose the poses to measure, and predict the uncertainty."""
 
+import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -61,6 +62,8 @@ class PlanAnswer:
     """Candidates that the space refuses; None where nothing restricts it."""
     seconds_estimated: float
     path: Path
+    older: Path | None
+    """Where the plan before is kept; None without one."""
     reflector_moves: Sequence[int]
     """Shots before which the reflector is moved to another part of the platform."""
     observations: "ObservationsAnswer | None"
@@ -91,7 +94,7 @@ def command(
 
     Predicts, before anything moves, the uncertainty of positions and parameters. Defaults: `plan`
     in campaign.yaml. You may edit plan.csv: every command checks it again. An older plan.csv is
-    kept under another name.
+    kept under another name; one whose shots are measured is replaced only with --force.
 
     --program csv writes the plan as a table of poses and joints, along safe paths, for a controller
     that is not connected.
@@ -126,6 +129,9 @@ def command(
     until_mm = None if options.until is None else read_goal(options.until)
     show(terminal, campaign, planned, until_mm)
     terminal.say(f"written: {campaign.plan_path}")
+    if planned.older is not None:
+        back = shlex.join(["mv", str(planned.older), str(campaign.plan_path)])
+        terminal.say(f"the plan before is kept; to go back to it: {back}")
     if planned.observations is not None and planned.observations.path is not None:
         terminal.say(f"written: {planned.observations.path}")
     if plot is not None:
@@ -204,6 +210,7 @@ def plan_answer(
         space=space,
         seconds_estimated=planned.checked.seconds,
         path=campaign.plan_path,
+        older=planned.older,
         reflector_moves=planned.checked.reflector_moves,
         observations=None
         if planned.observations is None

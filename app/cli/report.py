@@ -1,8 +1,10 @@
 """pkmcal report: write the whole campaign on one page."""
 
+import re
 import shutil
 import subprocess
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +16,7 @@ from campaigns.campaign import Campaign, now_utc
 from campaigns.errors import OptionsInvalid, OutputExists, WriteFailed
 from campaigns.evidence import evaluate
 from campaigns.files.text_file import replace_text
+from campaigns.planning.plan_file import move_aside
 from drivers.bounded_files import is_file, is_there
 from drivers.system import is_root
 
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
     from app.report.page import Page
 
 FILE_NAME = "report.html"
+VERDICT = re.compile(rb'id="verdict" class="([a-z-]+)"')
+"""Place of the verdict on a page."""
 HEAD_BYTES = 1000
 """Bytes at the beginning of a file that show whether it is a report."""
 
@@ -49,16 +54,19 @@ def command(
 
     Verdict, before and after, figures, parameters, records, in one HTML file that needs no
     network. `--pdf` also prints it on A4. What the campaign still lacks is named on the page. An
-    older report is replaced, any other file is not.
+    older report is replaced, any other file is not; one that said pass or fail and no longer would
+    is kept under another name.
 
     Exit code 1: the verdict is fail.
     """
     browser = find_browser() if pdf else None  # before the work: without one nothing is written
     tell_who_works(terminal, campaign)
     with terminal.telling("reading the campaign and drawing the figures"):
-        page, path = report(campaign, to)
+        page, path, former = report(campaign, to)
     verdict = page.evaluation.verdict
     terminal.say(f"verdict: {verdict.says}")
+    if former is not None:
+        terminal.say(f"! {former.says}", BAD)
     journal = page.evaluation.evidence.journal
     if journal is not None and journal.unended_load:
         terminal.say(f"! {journal.unended_load}", BAD)
@@ -75,13 +83,31 @@ def command(
         "reasons": verdict.reasons,
         "missing": page.missing,
         "figures": page.figures,
+        "former": former,
     }
     following = tell_next(terminal, campaign, reported=True, evaluation=page.evaluation)
     terminal.conclude(answer, following, is_good=verdict.decision != "fail")
 
 
-def report(campaign: Campaign, to: Path | None = None) -> "tuple[Page, Path]":
-    """Write the report; return its contents and its path.
+@dataclass(frozen=True, slots=True)
+class FormerReport:
+    """Report that stood at the place of a new one, with another verdict."""
+
+    decision: str
+    path: Path
+    """The place of both."""
+    kept: Path | None
+    """Where it is now; None: it decided nothing, and was replaced."""
+
+    @property
+    def says(self) -> str:
+        """What the former report said, and where it is."""
+        where = "replaced" if self.kept is None else f"kept as {self.kept.name}"
+        return f"{self.path.name} said {self.decision} before: {where}"
+
+
+def report(campaign: Campaign, to: Path | None = None) -> "tuple[Page, Path, FormerReport | None]":
+    """Write the report; return its contents, its path, and a report there with another verdict.
 
     Raise `JournalFailed`, `OutputExists` or `WriteFailed`.
     """
@@ -90,8 +116,29 @@ def report(campaign: Campaign, to: Path | None = None) -> "tuple[Page, Path]":
     path = to or campaign.path(FILE_NAME)
     _refuse_other_file(path)
     page = page_of(evaluate(campaign), now_utc())
+    former = _keep_former(path, page.evaluation.verdict.decision)
     replace_text(path, page.html)
-    return page, path
+    return page, path, former
+
+
+# A report that was delivered may be the only copy of what was said of the robot. A page that
+# decided nothing is made again and again on the way, and a pile of those would hide the others.
+def _keep_former(path: Path, decision: str) -> FormerReport | None:
+    """Move a report aside, its PDF too, that passed or failed where the new one decides otherwise.
+
+    Return None without a report, or with the same verdict. Raise `WriteFailed`.
+    """
+    if not is_file(path):
+        return None
+    stated = VERDICT.search(path.read_bytes())
+    former = stated[1].decode("ascii").replace("-", " ") if stated else decision
+    if former == decision:
+        return None
+    if former not in {"pass", "fail"}:
+        return FormerReport(former, path, None)
+    kept = move_aside(path)
+    move_aside(path.with_suffix(".pdf"))
+    return FormerReport(former, path, kept)
 
 
 def _is_report(path: Path) -> bool:

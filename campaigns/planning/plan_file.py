@@ -8,6 +8,7 @@ with its row: a number that means another shot by now belongs to another series.
 """
 
 import hashlib
+import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -26,6 +27,8 @@ from campaigns.shots.shot_sets import ShotSet
 from drivers.bounded_files import CSV_BYTES
 from drivers.values import Pose
 
+OPTIONS = "options"
+"""Column whose first row names the options of `pkmcal plan` that the plan was made with."""
 FORMER_COLUMNS = ("asked", "model")
 """Columns of older plans, which are read without effect."""
 
@@ -61,7 +64,7 @@ def plan_form(mechanism: Mechanism) -> CsvForm:
             whole_column("pair", required=True),
             *columns.columns_of(mechanism.task),
             *columns.columns_of(mechanism.joints),
-            *map(CsvColumn, (columns.NEST, columns.REFLECTOR, *FORMER_COLUMNS)),
+            *map(CsvColumn, (columns.NEST, columns.REFLECTOR, OPTIONS, *FORMER_COLUMNS)),
         ),
         PlanInvalid,
     )
@@ -73,23 +76,43 @@ def read_plan(path: Path, mechanism: Mechanism) -> tuple[PlannedShot, ...]:
     return parse_plan(text, str(path), mechanism)
 
 
-def write_plan(path: Path, shots: Sequence[PlannedShot], mechanism: Mechanism) -> None:
-    """Write a plan, in place of an older one; raise `WriteFailed`."""
-    replace_text(path, plan_text(shots, mechanism))
+def read_options(path: Path, mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the words of the options that a plan was made with; () where it does not state any."""
+    try:
+        text = read_text(path, PlanInvalid, if_missing=REMEDY, most_bytes=CSV_BYTES)
+        rows = parse_csv(text, str(path), plan_form(mechanism))
+        stated = next((row.text(OPTIONS) for row in rows if row.text(OPTIONS)), "")
+        return tuple(shlex.split(stated))
+    except (CampaignError, ValueError):  # spoilt rows, or quotes that somebody edited
+        return ()
 
 
-def write_beside_older(path: Path, shots: Sequence[PlannedShot], mechanism: Mechanism) -> None:
+def write_plan(
+    path: Path, shots: Sequence[PlannedShot], mechanism: Mechanism, options: Sequence[str] = ()
+) -> None:
+    """Write a plan, in place of an older one; raise `WriteFailed`.
+
+    `options` are the words of the options that it was made with.
+    """
+    replace_text(path, plan_text(shots, mechanism, options))
+
+
+def write_beside_older(
+    path: Path, shots: Sequence[PlannedShot], mechanism: Mechanism, options: Sequence[str] = ()
+) -> Path | None:
     """Write a plan, and keep an older one as `plan-older-N.csv` with the first free number.
 
-    If writing fails the older plan stays in its place. Raise `WriteFailed`.
+    Return the older plan's path; None without one. If writing fails the older plan stays in its
+    place. Raise `WriteFailed`.
     """
     older = move_aside(path)
     try:
-        write_plan(path, shots, mechanism)
+        write_plan(path, shots, mechanism, options)
     except CampaignError:
         if older is not None:
             older.rename(path)
         raise
+    return older
 
 
 def plan_digest(shots: Sequence[PlannedShot], mechanism: Mechanism) -> str:
@@ -98,8 +121,10 @@ def plan_digest(shots: Sequence[PlannedShot], mechanism: Mechanism) -> str:
     return hashlib.sha256(plan_text(shots, mechanism).encode("utf-8")).hexdigest()
 
 
-def plan_text(shots: Sequence[PlannedShot], mechanism: Mechanism) -> str:
-    """Return the text of a plan's file."""
+def plan_text(
+    shots: Sequence[PlannedShot], mechanism: Mechanism, options: Sequence[str] = ()
+) -> str:
+    """Return the text of a plan's file, with the words of the options that it was made with."""
     return plan_form(mechanism).text(
         [
             {
@@ -108,10 +133,11 @@ def plan_text(shots: Sequence[PlannedShot], mechanism: Mechanism) -> str:
                 "pair": shot.pair,
                 columns.NEST: shot.nest,
                 columns.REFLECTOR: shot.reflector,
+                OPTIONS: "" if row else shlex.join(options),
                 **columns.axis_cells(mechanism.task, shot.pose.coordinates),
                 **columns.axis_cells(mechanism.joints, shot.joints),
             }
-            for shot in shots
+            for row, shot in enumerate(shots)
         ]
     )
 
@@ -170,15 +196,20 @@ def _is_same_pose(intent: Intent, row: PlannedShot) -> bool:
     return bool(is_near and joints_away.max() <= SAME_POSE_RAD)
 
 
+def older_plans(path: Path) -> list[Path]:
+    """Return the older plans that are kept beside a plan."""
+    return sorted(path.parent.glob(f"{path.stem}-older-*.csv"))
+
+
 def move_aside(path: Path) -> Path | None:
-    """Rename an existing file to the first free `NAME-older-N.csv`; return the new path.
+    """Rename an existing file to the first free `NAME-older-N`, with its suffix; return that path.
 
     Return None if there is no file. Raise `WriteFailed`.
     """
     if not path.exists():
         return None
     number = 1
-    while (older := path.with_name(f"{path.stem}-older-{number}.csv")).exists():
+    while (older := path.with_name(f"{path.stem}-older-{number}{path.suffix}")).exists():
         number += 1
     try:
         return path.rename(older)

@@ -8,18 +8,20 @@
 #    that identification will fit by default, and the tracker's data sheet.
 # 4. If campaign.yaml has objects, choose observations of them, and state what all of it together
 #    will determine (`observing.py`).
-# 5. Write plan.csv; an older plan is renamed. Only this step holds the campaign: making an optimal
-#    plan takes long, and other commands need not wait for it.
+# 5. Write plan.csv; an older plan is renamed, and one that was measured is replaced only by consent
+#    (`force`): a delivered result must not be undone in passing. Only this step holds the
+#    campaign: making an optimal plan takes long, and other commands need not wait for it.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from campaigns.campaign import Campaign
 from campaigns.design.pose_sampling import WorkspaceTooSmall
 from campaigns.design.restricted_space import Refusals
-from campaigns.errors import OptionsInvalid
+from campaigns.errors import OptionsInvalid, PlanInvalid
 from campaigns.files.wording import shown, suggestion
 from campaigns.fit.error_model import ErrorModel
 from campaigns.identification.observations import error_model
@@ -30,12 +32,14 @@ from campaigns.options import PlanOptions
 from campaigns.planning.forecast import Forecast, forecast, judged_both
 from campaigns.planning.optimal_plan import MOST_SHOTS, OptimalRequest, make_optimal_plan
 from campaigns.planning.plan_check import CheckedPlan, seconds_of_visits
-from campaigns.planning.plan_file import PlannedShot, write_beside_older
+from campaigns.planning.plan_file import PlannedShot, plan_difference, write_beside_older
 from campaigns.planning.plans import Placement, in_turn, make_plan, pairs_of, poses_of, with_nests
 from campaigns.planning.validation_plan import SHORTEST_PART, fitting_lines
+from campaigns.settings.option import typed_words
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.identification import identification_options
 from campaigns.workflow.observing import PlannedObservations, plan_observations, write_planned
+from campaigns.workflow.work import all_series
 
 REFUSALS_SAMPLE = 2000
 """Number of poses drawn to find the share that the restricted space refuses."""
@@ -57,6 +61,7 @@ class PlannedCampaign:
             too long; None where they fit.
         observations: Observations of other kinds that are planned beside the shots, and what
             further ones would gain; None where campaign.yaml has no objects.
+        older: Path under which the plan before is kept; None without one.
     """
 
     checked: CheckedPlan
@@ -67,6 +72,7 @@ class PlannedCampaign:
     refusals: Refusals | None = None
     lines_mm: tuple[float, float, float] | None = None
     observations: PlannedObservations | None = None
+    older: Path | None = None
 
 
 def plan(
@@ -85,7 +91,8 @@ def plan(
         The checked plan with its predicted uncertainty.
 
     Raises:
-        OptionsInvalid: Options contradict each other, or name unknown parameters.
+        OptionsInvalid: Options contradict each other, or name unknown parameters; or shots of
+            the plan that is there are measured, which `force` in the options overrules.
         PlanInvalid: There is no such plan: too small a workspace, too few shots, an unsafe way.
         WriteFailed: plan.csv could not be written.
 
@@ -94,13 +101,39 @@ def plan(
         >>> planned.forecast.position_std_mm.max()
     """
     options = options or PlanOptions()
+    if not options.force and (objection := replaced_plan(campaign)):
+        raise objection
     planned = _make_and_check(campaign, options, tell)
     with campaign.held():
-        shots = planned.checked.shots
-        write_beside_older(campaign.plan_path, shots, campaign.robot.mechanism)
+        shots, mechanism = planned.checked.shots, campaign.robot.mechanism
+        words = typed_words(replace(options, force=False))
+        older = write_beside_older(campaign.plan_path, shots, mechanism, words)
+        planned = replace(planned, older=older)
         if planned.observations is not None:
             write_planned(campaign, planned.observations)
     return planned
+
+
+def replaced_plan(campaign: Campaign) -> OptionsInvalid | None:
+    """Return the objection to a plan in the place of one that was measured; None without one."""
+    # What was identified from the shots of a plan rests on this plan: with another plan.csv its
+    # verdict is open again, and the next run would measure with the parameters loaded by then.
+    measured = [each for each in all_series(campaign) if each.started.stage == "run" and each.shots]
+    if not (measured and campaign.plan_path.exists()):
+        return None
+    try:
+        plan = campaign.read_plan()
+    except PlanInvalid:
+        return None
+    intents = [shot.intent for shot in measured[-1].shots]
+    if plan_difference(intents, plan):
+        return None
+    return OptionsInvalid(
+        f"{campaign.plan_path} is the plan of series {measured[-1].number}, {len(intents)} shots "
+        "of which are measured: with another plan its results are open again",
+        remedy="make a campaign of its own with `pkmcal new`; --force plans anew and keeps this "
+        "plan beside it",
+    )
 
 
 def plan_without_shots(campaign: Campaign, options: PlanOptions) -> PlannedObservations:

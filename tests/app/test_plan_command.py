@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from paper_campaign import MECHANISM, new_campaign
 from par4_space import SPACE
 
 from app.main import run_command
@@ -12,10 +13,13 @@ from app.new_campaign import create_simulated
 from app.plan_text import warnings
 from campaigns.campaign import open_campaign
 from campaigns.errors import OptionsInvalid, PlanInvalid
+from campaigns.evidence import Evaluation, evaluate, gather
 from campaigns.fit.tracker_noise import TrackerUncertainty
+from campaigns.next_step import next_step, state_of
 from campaigns.options import PlanOptions
 from campaigns.planning import optimal_plan
 from campaigns.planning.forecast import Forecast
+from campaigns.planning.plan_file import plan_digest
 from campaigns.planning.plans import Placement
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.planning import plan
@@ -25,7 +29,7 @@ PLAN_KEYS = {
     *("shots", "pairs", "placement", "seed", "until_mm", "predicted_std"),
     *("position_std_mm", "rotation_std_deg"),
     *("weakest", "from_below", "fitting_lines_mm", "space", "seconds_estimated"),
-    *("path", "programs", "repeats", "reflector_moves", "observations"),
+    *("path", "older", "programs", "repeats", "reflector_moves", "observations"),
 }
 
 
@@ -175,3 +179,40 @@ def test_a_joint_that_comes_from_one_side_is_warned_of():
     assert "joint 1 comes from smaller values to 90%" in first
     assert "joint 3 comes from larger values to 90%" in second
     assert "backlash" in second
+
+
+def test_a_measured_plan_is_replaced_only_by_force_which_says_how_to_go_back(pkmcal, tmp_path):
+    paper = new_campaign(tmp_path / "c")
+    paper.run(6, 2)
+    measured = paper.campaign.plan_path.read_bytes()
+    refused = pkmcal("plan", paper.folder, "--shots", "12")
+    assert refused.code == 2
+    assert "plan.csv is the plan of series 1, 18 shots of which are measured" in refused.error_line
+    assert "--force plans anew" in refused.error_line
+    assert paper.campaign.plan_path.read_bytes() == measured
+    forced = pkmcal("plan", paper.folder, "--shots", "12", "--force", "--json")
+    assert forced.code == 0, forced.err
+    older = paper.folder / "plan-older-1.csv"
+    assert forced.document["older"] == str(older)
+    assert f"to go back to it: mv {older} {paper.campaign.plan_path}" in forced.err
+    assert older.read_bytes() == measured
+    (check, *_) = evaluate(open_campaign(paper.folder)).checks
+    assert check.holds is False
+    assert check.detail.endswith("plan-older-1.csv is: rename it to plan.csv")
+    older.rename(paper.campaign.plan_path)
+    assert evaluate(open_campaign(paper.folder)).checks[0].holds
+
+
+def test_a_plan_keeps_the_options_that_hints_repeat(tmp_path):
+    paper = new_campaign(tmp_path / "c")
+    options = PlanOptions(shots=12, fix=("arm*.x_mm",))
+    digest = plan_digest(plan(paper.campaign, options).checked.shots, MECHANISM)
+    evidence = gather(paper.campaign)
+    assert evidence.plan_options == ("--shots", "12", "--fix", "arm*.x_mm")
+    assert evidence.plan_digest == digest, "options make no other plan"
+    step = next_step(replace(state_of(Evaluation(evidence)), misplaced="elsewhere"))
+    assert step.text == f"pkmcal plan {paper.folder} --shots 12 --fix 'arm*.x_mm'"
+    measured = replace(
+        state_of(Evaluation(evidence)), misplaced="elsewhere", measured="run", unmeasured="run"
+    )
+    assert next_step(measured).text.endswith("'arm*.x_mm' --force")

@@ -99,7 +99,7 @@ def test_long_names_are_broken_not_cut(browser: Browser, tmp_path: Path) -> None
     paper = new_campaign(tmp_path / "long", people=people)
     robot = paper.folder / "robot.yaml"
     robot.write_text(robot.read_text().replace("name: par4-prototype", f"name: {'r' * 150}"))
-    _, path = report(open_campaign(paper.folder))
+    _, path, _ = report(open_campaign(paper.folder))
     found = browser.measure(path, TABLET, f"[{WHOLE_WIDTH}, {CUT}]")
     assert found[0] <= TABLET
     assert found[1] == []

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -74,3 +75,28 @@ def test_without_a_browser_it_says_what_to_install_and_writes_nothing(
     assert "no browser is installed" in ended.err
     assert "install chromium" in ended.err
     assert not (folder / "report.html").exists()
+
+
+def test_a_report_that_passed_or_failed_is_kept_where_the_new_one_decides_otherwise(
+    tmp_path: Path, pkmcal
+) -> None:
+    paper = new_campaign(tmp_path / "c", acceptance=AcceptanceConfig(repeatability_mm=1e-6))
+    first = pkmcal("report", paper.folder, "--json").document
+    assert (first["decision"], first["former"]) == ("not decided", None)
+    paper.validate("after", frozenset({ShotSet.REPEATABILITY}))
+    failed = pkmcal("report", paper.folder, "--json").document
+    assert failed["former"] == {
+        "decision": "not decided",
+        "path": str(paper.folder / "report.html"),
+        "kept": None,
+    }
+    assert pkmcal("report", paper.folder, "--json").document["former"] is None, "the same again"
+    delivered = (paper.folder / "report.html").read_bytes()
+    (paper.folder / "report.pdf").write_bytes(b"%PDF")
+    settings = paper.folder / "campaign.yaml"
+    text = re.sub(r"(repeatability_mm:) \S*e-06", r"\1 100.0", settings.read_text())
+    settings.write_text(text)
+    ended = pkmcal("report", paper.folder)
+    assert "report.html said fail before: kept as report-older-1.html" in ended.out
+    assert (paper.folder / "report-older-1.html").read_bytes() == delivered
+    assert (paper.folder / "report-older-1.pdf").exists()

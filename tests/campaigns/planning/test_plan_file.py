@@ -83,7 +83,7 @@ def test_older_plans_are_kept_and_the_last_one_stays_if_a_new_one_cannot_be_writ
     older = [tmp_path / f"plan-older-{number}.csv" for number in (1, 2)]
     assert [plan_file.read_plan(file, PAR4) for file in older] == [plan, plan[:3]]
 
-    def write(path, shots, mechanism):
+    def write(path, shots, mechanism, options):
         raise WriteFailed(f"{path}: no space", remedy="free some")
 
     monkeypatch.setattr(plan_file, "write_plan", write)
