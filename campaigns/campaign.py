@@ -121,8 +121,9 @@ class CampaignFolder:
                 f"{self.folder} is an offline campaign, without a controller and a tracker to "
                 "connect to",
                 remedy=f"`pkmcal import {self.folder} FILE` imports what was measured, with "
-                "--stage before or after a validation; what `pkmcal export` writes is put into the "
-                f"controller by hand; `pkmcal status {self.folder}` says what is next",
+                "--stage before or after for a validation, check for a check; what `pkmcal export` "
+                f"writes is put into the controller by hand; "
+                f"`pkmcal status {self.folder}` says what is next",
             )
         if not (HAS_POSIX or self.is_simulated):
             raise ConfigInvalid(

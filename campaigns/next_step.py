@@ -194,6 +194,11 @@ ROWS = (
     Row(lambda s: s.verdict is None and s.stations, "identify {folder} --sessions"),
     Row(lambda s: s.verdict is None, "identify {folder}"),
     Row(lambda s: s.verdict != "pass", "{remedy}", "{remedy_first}"),
+    Row(
+        lambda s: s.check == "again" and s.offline,
+        "import {folder} check.txt --stage check",
+        "`pkmcal plan {folder} --program csv --stage check`, " + MEASURE.format("check"),
+    ),
     Row(lambda s: s.check == "again", "check {folder}"),
     Row(lambda s: s.check == "update", "identify {folder} --update"),
     Row(lambda s: s.check == "anew", "{again}", CHANGED),

@@ -19,7 +19,8 @@ from campaigns.settings.option import Option, typed_words
 from campaigns.shots.shot_sets import ShotSet
 
 ValidationStage = Literal["before", "after"]
-ProgramStage = Literal["run", "before", "after"]
+ImportStage = Literal["before", "after", "check"]
+ProgramStage = Literal["run", "before", "after", "check"]
 ValidationTest = StrEnum("ValidationTest", {name: name for name in SET_OF})  # type: ignore[misc] # words of the tests
 Skip = Annotated[
     tuple[int, ...],

@@ -65,7 +65,11 @@ def command(
         return
     expected = run_preview(campaign, seconds_of(campaign, work), work, anew=anew)
     job = CheckJob(campaign, work, expected, options.retry)
-    check = measure(job, terminal, yes=yes, anew=anew, plain=plain)
+    show_check(terminal, campaign, measure(job, terminal, yes=yes, anew=anew, plain=plain))
+
+
+def show_check(terminal: Terminal, campaign: Campaign, check: RecordedCheck) -> None:
+    """Show a check, for people and programs, and what is next; raise `Exit` unless it passed."""
     terminal.say(check.says, DECISIONS[check.decision])
     if not check.is_of_shots_alone:  # else these words are about the shots
         for shot in check.wrong:

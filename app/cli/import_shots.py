@@ -2,12 +2,13 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal, cast, get_args
 
 import typer
 
+from app.cli.check import show_check
 from app.console import Terminal
 from app.next import tell_next, tell_step
 from app.options import Folder, Turns, ask_turns, folder_and_file
@@ -16,10 +17,10 @@ from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import CoordinatesAmbiguous, OptionsInvalid
 from campaigns.evidence import evaluate
 from campaigns.next_step import NextStep
-from campaigns.options import ValidationStage
+from campaigns.options import ImportStage
 from campaigns.robots.printer_config import PRINTER, PrinterConfig
 from campaigns.shots.import_export import ImportedFile
-from campaigns.shots.joined_shots import Join, holds_joints, join_shots
+from campaigns.shots.joined_shots import Join, holds_joints, join_rows, read_joints, skipped_names
 from campaigns.shots.observations_csv import ObservationRow, holds_observations, read_observations
 from campaigns.shots.point_files import PointFile, read_points
 from campaigns.shots.point_layout import PointFormat
@@ -27,9 +28,11 @@ from campaigns.shots.point_words import MM_PER_UNIT, Coordinates, DecimalSign, L
 from campaigns.shots.printer_observations import printer_observations
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, in_unit, read_shots
+from campaigns.shots.turn_forms import TurnForm
 from campaigns.workflow.importing import (
     ImportTerms,
     declared_set,
+    import_check,
     import_observations,
     import_shots,
     import_validation,
@@ -41,6 +44,10 @@ from drivers.bounded_files import Encoding, is_there
 from drivers.texts import quoted
 
 Form = Literal["shots", "ascii"]
+LISTED = 10
+"""Number of shots left out that a line names; the journal has all."""
+DEFAULT_SETS = {None: ShotSet.IDENTIFICATION, "check": ShotSet.CHECK}
+"""Set of shots whose file names none, by the stage; of validations it is `validation`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +58,22 @@ class ImportAnswer:
     """Number of the series; 0 for observations of other kinds than points, which are of none."""
     shots: int
     """Number of shots, or of observations."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImportSource:
+    """File to import, and how it is read."""
+
+    file: Path
+    points: bool = False
+    """Whether it holds points of tracker software, whose joints are in another file."""
+    joints: Path | None = None
+    join: Join = "name"
+    turns: TurnForm | None = None
+    unit: LengthUnit | None = None
+    skip: tuple[str, ...] = ()
+    form: PointFormat = field(default_factory=PointFormat)
+    """Layout of a file of points, without its unit."""
 
 
 def command(
@@ -110,9 +133,20 @@ def command(
         Encoding | None, typer.Option(help="For points without a byte-order mark. Default: utf-8.")
     ] = None,
     turns: Turns = None,
+    skip: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="SHOT",
+            help="For points: leave this shot out, and the other one of its pair; repeatable. "
+            "missing: all whose point lacks.",
+            show_default=False,
+        ),
+    ] = None,
     stage: Annotated[
-        ValidationStage | None,
-        typer.Option(help="Import the shots as a validation before or after calibration."),
+        ImportStage | None,
+        typer.Option(
+            help="Import the shots as a validation before or after calibration, or as a check."
+        ),
     ] = None,
     robot: Annotated[
         Path | None,
@@ -155,7 +189,9 @@ def command(
     With --stage the shots are a validation, as `pkmcal validate` measures it: pairs of the set
     "validation", which is the default here, and the sets rotation, straightness, repeatability and
     iso-cube. The controller's parameters are declared, not read, and the report says so. Exit code
-    1 has the same meaning as for `pkmcal validate`.
+    1 has the same meaning as for `pkmcal validate`. With --stage check the shots test whether the
+    robot is still calibrated, as `pkmcal check` does; `plan --program csv --stage check` writes
+    which ones.
 
     A CSV file with a column kind holds observations of other kinds than points: heights of a bed,
     distances by callipers, poses of a probe. Its columns are kind, object, the joints, value_mm (or
@@ -177,68 +213,112 @@ def command(
     # 1. check the options
     folder, file = folder_and_file(folder, file)
     campaign = open_campaign(folder)
-    mechanism = campaign.robot.mechanism
-    if stage is None and robot is not None:
-        raise OptionsInvalid(
-            "--robot is for a validation, but no --stage is given",
-            remedy="give --stage before or after, or leave --robot out",
-        )
-    default = ShotSet.IDENTIFICATION if stage is None else ShotSet.VALIDATION
-    of_points = PointFormat(
+    _check_stage(stage, robot)
+    source = ImportSource(
+        file=file,
+        points=form == "ascii",
+        joints=joints,
+        join=join,
+        turns=turns,
         unit=unit,
-        columns=columns.split(",") if columns else None,
-        coordinates=coordinates,
-        decimal=decimal,
-        encoding=encoding,
+        skip=tuple(skip or ()),
+        form=PointFormat(
+            columns=columns.split(",") if columns else None,
+            coordinates=coordinates,
+            decimal=decimal,
+            encoding=encoding,
+        ),
     )
     if form is None and (file.suffix == PRINTER or holds_observations(file)):
-        if stage or joints or turns or of_points != PointFormat():
+        if stage or source != ImportSource(file=file):
             raise OptionsInvalid(
                 f"{file}: options of shots and points are not for observations (column kind)",
                 remedy="leave out all options but --force",
             )
         _import_observations(terminal, campaign, file, force=force)
         return
+    if form is None and not holds_joints(file, campaign.robot.mechanism):
+        source = replace(source, points=True)
     # 2. read it: rows with joints in both cases, lengths in mm
-    if form == "ascii" or (form is None and not holds_joints(file, mechanism)):
-        joints = joints or _planned_joints(campaign, file, stage or "run")
-        points = _read_asking(terminal, file, of_points)
-        read_in = points.unit
-        turns = ask_turns(terminal, turns, joints, mechanism.task)
-        rows, joined = join_shots(
-            points, joints, mechanism, join=join, default=default, turns=turns
-        )
-        for note in (*points.notes, joined):
-            terminal.note(note)
-    elif joints or replace(of_points, unit=None) != PointFormat():
-        raise OptionsInvalid(
-            "--joints, --columns, --coordinates, --decimal and --encoding are for point files of "
-            "other software",
-            remedy="add --format ascii, or leave them out",
-        )
-    else:
-        read_in = unit or "mm"
-        turns = ask_turns(terminal, turns, file, mechanism.task)
-        shots = read_shots(file, mechanism, default, turns)
-        rows = tuple(in_unit(shots, MM_PER_UNIT[read_in]))
+    rows, terms = _read(terminal, campaign, source, stage)
     # 3. compare with the robot and the journal, and write the series
     force = force or (stage is None and _may_replace(terminal, campaign, rows, file))
-    with terminal.telling(f"reading {file}") as now_at:
-        files = tuple(ImportedFile.of(path) for path in (file, joints) if path is not None)
-        now_at("comparing the shots with the robot and the journal")
-        terms = ImportTerms(
-            name=str(file), files=files, unit=read_in, tell=terminal.note, anyway=force
-        )
+    terms = replace(terms, anyway=force)
+    with terminal.telling("comparing the shots with the robot and the journal"):
         if stage is None:
             series = import_shots(campaign, rows, terms)
+        elif stage == "check":
+            check = import_check(campaign, rows, terms)
         else:
             held = declared_set(campaign, stage, robot)
             done = import_validation(campaign, rows, stage, held, terms)
-    if stage is not None:
-        terminal.say(f"imported: {len(rows)} shots as '{stage}'")
-        show_validation(terminal, done, campaign)
+    if stage is None:
+        _conclude(terminal, campaign, file, ImportAnswer(series, len(rows)))
         return
-    terminal.say(f"imported: {len(rows)} shots, as series {series}")
+    terminal.say(f"imported: {len(rows)} shots as '{stage}'")
+    if stage == "check":
+        show_check(terminal, campaign, check)
+    else:
+        show_validation(terminal, done, campaign)
+
+
+def _check_stage(stage: ImportStage | None, robot: Path | None) -> None:
+    """Raise `OptionsInvalid` for a robot file where no parameters are declared."""
+    if robot is None or stage in {"before", "after"}:
+        return
+    if stage == "check":
+        raise OptionsInvalid(
+            "--robot is for a validation: a check does not depend on the controller's parameters",
+            remedy="leave --robot out",
+        )
+    raise OptionsInvalid(
+        "--robot is for a validation, but no --stage is given",
+        remedy="give --stage before or after, or leave --robot out",
+    )
+
+
+def _read(
+    terminal: Terminal, campaign: Campaign, source: ImportSource, stage: ImportStage | None
+) -> tuple[tuple[ShotRow, ...], ImportTerms]:
+    """Read a file of shots, or of points with the joints beside; return rows and their terms."""
+    file, mechanism, joints = source.file, campaign.robot.mechanism, source.joints
+    default = DEFAULT_SETS.get(stage, ShotSet.VALIDATION)
+    skipped: tuple[str, ...] = ()
+    if source.points:
+        joints = joints or _planned_joints(campaign, file, stage or "run")
+        points = _read_asking(terminal, file, replace(source.form, unit=source.unit))
+        read_in = points.unit
+        turns = ask_turns(terminal, source.turns, joints, mechanism.task)
+        at_joints = read_joints(joints, mechanism, default, turns)
+        skipped = skipped_names(points, at_joints, source.skip)
+        rows, joined = join_rows(points, at_joints, source.join, frozenset(skipped))
+        for note in (*points.notes, joined):
+            terminal.note(note)
+        if skipped:
+            more = f" and {len(skipped) - LISTED} more" if len(skipped) > LISTED else ""
+            listed = ", ".join(skipped[:LISTED])
+            terminal.note(f"left out: {len(skipped)} shots: {listed}{more}")
+    elif joints or source.skip or source.form != PointFormat():
+        raise OptionsInvalid(
+            "--joints, --columns, --coordinates, --decimal, --encoding and --skip are for point "
+            "files of other software",
+            remedy="add --format ascii, or leave them out; delete rows that are not to be imported",
+        )
+    else:
+        read_in = source.unit or "mm"
+        turns = ask_turns(terminal, source.turns, file, mechanism.task)
+        shots = read_shots(file, mechanism, default, turns)
+        rows = tuple(in_unit(shots, MM_PER_UNIT[read_in]))
+    files = tuple(ImportedFile.of(path) for path in (file, joints) if path is not None)
+    terms = ImportTerms(
+        name=str(file), files=files, unit=read_in, skipped=skipped, tell=terminal.note
+    )
+    return rows, terms
+
+
+def _conclude(terminal: Terminal, campaign: Campaign, file: Path, answer: ImportAnswer) -> None:
+    """Print which shots were imported to identify from, and what is next."""
+    terminal.say(f"imported: {answer.shots} shots, as series {answer.series}")
     evaluation = evaluate(campaign)
     if evaluation.before is None:
         again = f"{quoted(str(campaign.folder))} {quoted(f'before{file.suffix}')}"
@@ -246,8 +326,7 @@ def command(
             "to import pairs measured with the controller's own parameters: "
             f"pkmcal import {again} --stage before"
         )
-    following = tell_next(terminal, campaign, evaluation=evaluation)
-    terminal.conclude(ImportAnswer(series, len(rows)), following)
+    terminal.conclude(answer, tell_next(terminal, campaign, evaluation=evaluation))
 
 
 def _import_observations(

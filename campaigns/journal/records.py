@@ -77,9 +77,10 @@ class SeriesStarted:
     """Start of one execution of a plan for a stage. An import has neither devices nor weather.
 
     `declared`: name of the file that states the controller's parameters while shots were measured
-    elsewhere for a validation; "" where they were read from the controller. `model`: parameters
-    that the shots were planned to determine, as the word of `--model`; "" in older files. `lacks`:
-    optional parameters that the controller's kinematics does not have; None in older files.
+    elsewhere for a validation, or of the shots of a check; "" where they were read from the
+    controller. `model`: parameters that the shots were planned to determine, as the word of
+    `--model`; "" in older files. `lacks`: optional parameters that the controller's kinematics does
+    not have; None in older files.
     """
 
     stage: Stage

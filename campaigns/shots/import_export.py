@@ -23,7 +23,7 @@ from campaigns.journal.views import AcceptedShot, Series
 from campaigns.kinematics.mechanism import Mechanism
 from campaigns.kinematics.model import Kinematics
 from campaigns.robots.robot import pose_of
-from campaigns.shots.shot_sets import pair_rows
+from campaigns.shots.shot_sets import ShotSet, pair_rows
 from campaigns.shots.shots import IMPORTED, import_note, read_note, rows_of_shots, shots_of_journal
 from campaigns.shots.shots_csv import ShotRow, shots_text
 from campaigns.shots.stops import AVERAGED
@@ -63,7 +63,8 @@ class ImportedSeries:
     files: Sequence[ImportedFile] = ()
     stage: records.Stage = "import"
     declared: str = ""
-    """File of the parameters that the controller is said to hold; "" for identification shots."""
+    """File of the parameters that the controller is said to hold, or of a check's shots; "" for
+    identification shots."""
 
 
 def imported_files(started: records.SeriesStarted) -> tuple[ImportedFile, ...]:
@@ -101,7 +102,8 @@ def append_import(
     started = records.SeriesStarted(
         imported.stage, digest, config, VERSION, digest_of_robot, None, None, None, declared
     )
-    command: records.Command = "joints" if imported.stage == "import" else "pose"
+    by_joints = imported.stage in {"import", "check"}
+    command: records.Command = "joints" if by_joints else "pose"
     # 2. All records in one commit. A row of another session ends the session before.
     with journal.in_one_commit():
         series = journal.start_series(started)
@@ -158,7 +160,7 @@ def refuse_copies(rows: Sequence[ShotRow], journal: Iterable[Series], name: str)
         key = _as_in_files(row.joints, row.point_in_tracker_mm)
         shot, series = seen.get(key, (places.setdefault(key, place), None))
         is_copy = bool(series) or not _are_samples(rows[shot : place + 1])
-        if row.purpose.in_pairs and is_copy:
+        if (row.purpose.in_pairs or row.purpose is ShotSet.CHECK) and is_copy:
             of = f" of series {series.number} ({series.started.stage})" if series else ""
             raise ShotsInvalid(
                 f"{name}: shot {place} is a copy of shot {shot}{of}: its joints and its point are "

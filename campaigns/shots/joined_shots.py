@@ -14,7 +14,7 @@ Last come pairs: as numbered in the joints file, else each two shots of a set in
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -34,6 +34,8 @@ from drivers.bounded_files import CSV_BYTES, FileRefused, codec_of, read_bounded
 from drivers.texts import nearest_word
 
 Join = Literal["name", "order"]
+MISSING = "missing"
+"""Word of `--skip` for all shots without a point."""
 LISTED = 5
 """Number of names that an error line lists."""
 JointsRow = tuple[CsvRow, ShotRow]
@@ -54,16 +56,26 @@ def join_shots(
     `default` is the set of rows that name none, `turns` how the joints file writes three turns.
     Raises `ShotsInvalid`.
     """
+    return join_rows(points, read_joints(joints, mechanism, default, turns), join)
+
+
+def join_rows(
+    points: PointFile, rows: Sequence[JointsRow], join: Join, skipped: Set[str] = frozenset()
+) -> tuple[tuple[ShotRow, ...], str]:
+    """Return the shots in the order of the rows of a joints file, and a note on their pairs.
+
+    `skipped` are the names of shots that are left out, from `skipped_names`. Raise `ShotsInvalid`.
+    """
     # Covariance and time of the point file are the tracker's own, so they are used before those
     # that a user may have written beside the joints.
-    remedy = "check the name of the joints file"
-    text = read_text(joints, ShotsInvalid, if_missing=remedy, most_bytes=CSV_BYTES)
-    rows = [*joints_rows(text, str(joints), mechanism, default, turns)]
+    all_pairs, pair_note = _pairs(rows)
+    kept = [place for place, (row, _) in enumerate(rows) if row.text("name") not in skipped]
+    rows, pairs = [rows[place] for place in kept], [all_pairs[place] for place in kept]
     if not rows:
-        raise ShotsInvalid(f"{joints}: holds no joints", remedy="check that it is the right file")
+        raise ShotsInvalid(f"{points.name}: --skip leaves no shot", remedy="skip fewer")
+    present = [point for point in points.points if skipped.isdisjoint(_names_of(point))]
     matching = _by_order if join == "order" else _by_name
-    matched = matching(points.points, points.name, rows)
-    pairs, pair_note = _pairs(rows)
+    matched = matching(present, points.name, rows)
     shots = tuple(
         replace(
             shot,
@@ -75,6 +87,45 @@ def join_shots(
         for (_, shot), point, pair in zip(rows, matched, pairs, strict=True)
     )
     return shots, pair_note
+
+
+def skipped_names(
+    points: PointFile, rows: Sequence[JointsRow], asked: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the names of the shots to leave out, the other one of each pair too, in their order.
+
+    `asked` are names of the joints file, the numbers of `shotN`, or `missing`: all without a point.
+    Raise `ShotsInvalid` for a name that the joints file does not have.
+    """
+    names, (pairs, _) = [row.text("name") for row, _ in rows], _pairs(rows)
+    wanted = set[str]()
+    if MISSING in asked:
+        present = {name for point in points.points for name in _names_of(point)}
+        wanted |= {name for name in names if name not in present}
+    for word in asked:
+        fitting = {name for name in (word, f"shot{word}") if name in names}
+        if word != MISSING and not fitting:
+            raise ShotsInvalid(
+                f"--skip {shown(word)}: the joints file has no such shot",
+                remedy=f"give a name of its column name, or {MISSING} for all without a point",
+            )
+        wanted |= fitting
+    halved = {pair for pair, name in zip(pairs, names, strict=True) if name in wanted} - {None}
+    return tuple(
+        name for pair, name in zip(pairs, names, strict=True) if name in wanted or pair in halved
+    )
+
+
+def read_joints(
+    joints: Path, mechanism: Mechanism, default: ShotSet, turns: TurnForm | None = None
+) -> list[JointsRow]:
+    """Return the rows of a joints file; raise `ShotsInvalid`, also for a file without any."""
+    remedy = "check the name of the joints file"
+    text = read_text(joints, ShotsInvalid, if_missing=remedy, most_bytes=CSV_BYTES)
+    rows = [*joints_rows(text, str(joints), mechanism, default, turns)]
+    if not rows:
+        raise ShotsInvalid(f"{joints}: holds no joints", remedy="check that it is the right file")
+    return rows
 
 
 def holds_joints(path: Path, mechanism: Mechanism) -> bool:
@@ -144,10 +195,15 @@ def _index_by_name(points: Sequence[NamedPoint]) -> dict[str, list[NamedPoint]]:
     """Index points by their whole name and by its last parts."""
     index: defaultdict[str, list[NamedPoint]] = defaultdict(list)
     for point in points:
-        parts = point.name.split(NAME_JOINT)
-        for start in range(len(parts)):
-            index[NAME_JOINT.join(parts[start:])].append(point)
+        for name in _names_of(point):
+            index[name].append(point)
     return index
+
+
+def _names_of(point: NamedPoint) -> list[str]:
+    """Return the names that a user may write for a point: its whole name, and its last parts."""
+    parts = point.name.split(NAME_JOINT)
+    return [NAME_JOINT.join(parts[start:]) for start in range(len(parts))]
 
 
 def _unmatched(
@@ -163,7 +219,12 @@ def _unmatched(
     if missing:
         names = _listed([name for _, name in missing])
         problems.append(f"{len(missing)} joints without a point in {points_name} ({names})")
-        if nearest := nearest_word(missing[0][1], point_names):
+        if not spare:
+            remedy = (
+                f"--skip {MISSING} imports what is there, without the other shots of their pairs; "
+                "or add the points"
+            )
+        elif nearest := nearest_word(missing[0][1], point_names):
             remedy = f"did you mean {nearest}? Else {remedy}"
     if spare:
         names = _listed([point.name for point in spare])

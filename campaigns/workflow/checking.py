@@ -128,7 +128,8 @@ def update_by_check(campaign: Campaign) -> RecordedIdentification:
         if checked is None or checked.of != digest:
             raise ShotsMissing(
                 "--update: the latest parameters were not checked yet",
-                remedy=f"run `pkmcal check {campaign.folder}` first",
+                remedy=f"run `pkmcal check {campaign.folder}` first, or import its shots with "
+                "--stage check",
             )
         shots = _shots(campaign, journal, checked.series)
         fit_options = identification_options(campaign, series=_series(journal, checked.series))
@@ -182,6 +183,15 @@ def _passed_identification(
 def _digest(campaign: Campaign, identification: RecordedIdentification) -> str:
     """Return the digest of the identified parameters."""
     return identification.value.parameter_set(campaign.robot.mechanism).digest()
+
+
+def digest_to_check(campaign: Campaign) -> str:
+    """Return the digest of the parameters that a check is of.
+
+    Raise `ShotsMissing` or `VerdictBad` without an identification that passed.
+    """
+    with campaign.journal_reader() as journal:
+        return _digest(campaign, _passed_identification(campaign, journal)[0])
 
 
 def _series(journal: JournalReader, number: int) -> Series:

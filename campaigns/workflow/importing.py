@@ -1,4 +1,4 @@
-"""Import of shots measured with other software: to identify from, or as a validation."""
+"""Import of shots measured with other software: to identify from, as a validation or a check."""
 
 # A file proves less than a measurement of our own, so an import asks what a run knows by itself:
 #
@@ -26,10 +26,12 @@ from campaigns.controllers.load_checks import read_parameter_file
 from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.evaluation.plausibility import check_distances, check_shots
 from campaigns.evidence import STAGES, is_program_there, program_path
+from campaigns.identification.checking import FEWEST_SHOTS, RecordedCheck
 from campaigns.identification.observed import measured_of, objects_of
 from campaigns.identification.other_kinds import other_kinds
 from campaigns.identification.plausible_observations import check_observations
-from campaigns.journal.records import Finding, Stage
+from campaigns.journal.journal import Journal
+from campaigns.journal.records import Event, Finding, Stage
 from campaigns.kinematics.model import Kinematics
 from campaigns.options import ValidationStage
 from campaigns.robots.reduced_form import form_of
@@ -45,10 +47,12 @@ from campaigns.shots.observation_records import (
 )
 from campaigns.shots.observations_csv import ObservationRow, require_measured
 from campaigns.shots.point_words import LengthUnit
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, time_order
 from campaigns.shots.stops import averaged_in_words
 from campaigns.workflow import validation
+from campaigns.workflow.checking import digest_to_check, record_check
 from campaigns.workflow.work import all_series, known_sets
 from drivers.bounded_files import is_there
 from drivers.values import Vector3
@@ -62,6 +66,7 @@ class ImportTerms:
         name: Name of the source, for messages.
         files: Files that the journal names with the series.
         unit: Unit of lengths in the file, for messages; the rows themselves are in mm.
+        skipped: Names of the shots that the import leaves out, for the journal.
         `tell`: Receives sentences on the order of the shots.
         anyway: Whether to import although the shots take the place of others, or the declared
             set is wrong for the stage.
@@ -70,6 +75,7 @@ class ImportTerms:
     name: str = "shots"
     files: Sequence[ImportedFile] = ()
     unit: LengthUnit = "mm"
+    skipped: Sequence[str] = ()
     tell: Callable[[str], None] = lambda _: None
     anyway: bool = False
 
@@ -99,6 +105,7 @@ def import_shots(
     _check(campaign, rows, terms, {"import"} if terms.anyway else set())
     order = _order(rows, terms)
     with campaign.journal() as journal:
+        _record_skipped(journal, terms)
         imported = ImportedSeries(robot.digest(), settings, terms.files)
         return append_import(journal, rows, robot.kinematics, imported, order)
 
@@ -233,6 +240,7 @@ def import_validation(
     recorded_form = known_sets(campaign).state(held.digest).form
     with campaign.journal() as journal:
         validation.record_objections(journal, objections)
+        _record_skipped(journal, terms)
         # a form from a file that older software exported: its loss is not in the journal yet
         if held.projection is not None and recorded_form is None:
             journal.append(Finding("export", asdict(held)))
@@ -245,6 +253,53 @@ def import_validation(
         )
         series = append_import(journal, rows, kinematics, imported, order)
         return validation.record_validation(campaign, journal, series, stage, held.by)
+
+
+def import_check(
+    campaign: Campaign, rows: Sequence[ShotRow], terms: ImportTerms | None = None
+) -> RecordedCheck:
+    """Write shots into the journal as a check of the last identification, and judge it.
+
+    Args:
+        campaign: The campaign, with an identification that passed.
+        rows: The shots, all of the set `check`, at joints all over the plan.
+        terms: Where the rows come from.
+
+    Returns:
+        The check: whether the robot is as it was identified.
+
+    Raises:
+        ShotsInvalid: The shots cannot be this robot's, are copies, too few, or of another set.
+        ShotsMissing, VerdictBad: There is no identification that passed.
+    """
+    # A check compares shots at their joints with the identified robot: whatever set the controller
+    # held does not matter, and none is declared.
+    terms = terms or ImportTerms()
+    digest = digest_to_check(campaign)
+    sets = {row.purpose for row in rows}
+    if sets != {ShotSet.CHECK} or len(rows) < FEWEST_SHOTS:
+        words = ", ".join(sorted(each.value for each in sets))
+        raise ShotsInvalid(
+            f"{terms.name}: {len(rows)} shots of {words}; a check has at least {FEWEST_SHOTS}, all "
+            "of the set check",
+            remedy=f"measure what `pkmcal plan {campaign.folder} --program csv --stage check` "
+            "writes",
+        )
+    _check(campaign, rows, terms, set())
+    order = _order(rows, terms)
+    settings, name = campaign.config.model_dump(mode="json"), Path(terms.name).name
+    with campaign.journal() as journal:
+        _record_skipped(journal, terms)
+        imported = ImportedSeries(digest, settings, terms.files, stage="check", declared=name)
+        series = append_import(journal, rows, campaign.robot.kinematics, imported, order)
+        return record_check(campaign, journal, series)
+
+
+def _record_skipped(journal: Journal, terms: ImportTerms) -> None:
+    """Write into the journal which shots an import left out."""
+    if terms.skipped:
+        names = ", ".join(terms.skipped)
+        journal.append(Event("shot skipped", f"{terms.name}: left out of the import: {names}"))
 
 
 def _require_tests(rows: Sequence[ShotRow], name: str) -> None:

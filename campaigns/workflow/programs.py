@@ -17,19 +17,20 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.campaign import Campaign
-from campaigns.errors import PlanInvalid
+from campaigns.errors import OptionsInvalid, PlanInvalid
 from campaigns.evidence import program_path
 from campaigns.files.csv_file import csv_text, fixed_text, number_text
 from campaigns.files.text_file import replace_text
 from campaigns.kinematics.mechanism import Mechanism
 from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.work import Work
-from campaigns.options import ProgramOptions, ProgramStage, ValidationOptions
+from campaigns.options import CheckOptions, ProgramOptions, ProgramStage, ValidationOptions
 from campaigns.planning.plan_file import PlannedShot, plan_digest
 from campaigns.planning.steps import Step
 from campaigns.robots.robot import pose_row
 from campaigns.shots.columns import axis_columns, axis_texts, in_files
 from campaigns.version import VERSION
+from campaigns.workflow.checking import check_work
 from campaigns.workflow.importing import declared_set
 from campaigns.workflow.running import run_work
 from campaigns.workflow.validation import validation_work
@@ -94,6 +95,8 @@ def _write(campaign: Campaign, stage: ProgramStage) -> WrittenProgram:
     if stage == "run":
         work, notes = run_work(campaign, campaign.checked_plan()), tuple[str, ...]()
         held = campaign.robot.kinematics
+    elif stage == "check":
+        work, notes, held = check_work(campaign, CheckOptions()), (), _held_by_file(campaign)
     else:
         written = declared_set(campaign, stage)
         parameters = campaign.robot.parameters if written.by == "targets" else written.wanted
@@ -124,6 +127,19 @@ def _write(campaign: Campaign, stage: ProgramStage) -> WrittenProgram:
     seconds = float(turns.max(axis=1, initial=0.0).sum()) / campaign.pace.joint_speed_rad_s
     seconds += len(steps) * dwell_s
     return WrittenProgram(stage, path, to_import, len(steps), seconds, notes)
+
+
+def _held_by_file(campaign: Campaign) -> Kinematics:
+    """Return the model of the set that was written last for the controller, else the nominal one.
+
+    With corrected targets the controller keeps the nominal set.
+    """
+    try:
+        written = declared_set(campaign, "after")
+    except OptionsInvalid:  # nothing was written
+        return campaign.robot.kinematics
+    parameters = campaign.robot.parameters if written.by == "targets" else written.wanted
+    return Kinematics.of(campaign.robot.mechanism, parameters)
 
 
 def _stops(work: Work, steps: Sequence[Step], held: Kinematics) -> Iterator[ProgramStop]:

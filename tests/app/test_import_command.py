@@ -1,13 +1,19 @@
 """`pkmcal import`: which files it takes by itself, and what it refuses."""
 
+import re
+import shutil
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from command_line import Keyboard
+from paper_campaign import NOISE_MM, TRACKER_FROM_BASE, TRUE
 
 from app.new_campaign import create_for_devices
 from campaigns.campaign import open_campaign
 from campaigns.evidence import evaluate
 from campaigns.identification import observations
+from campaigns.journal.records import Event
 from campaigns.journal.views import Series
 from campaigns.workflow.programs import joints_path
 
@@ -168,3 +174,100 @@ def test_column_session_makes_stations_of_the_tracker(pkmcal, folder, tmp_path):
     assert f"the tracker stood elsewhere → `pkmcal identify {folder} --sessions`" in refused
     one_station = write_shots(tmp_path / "one.csv", rows)
     assert pkmcal("import", folder, one_station, "--force").code == 2
+
+
+def without_points(path, *names):
+    """Leave out the points of these names."""
+    lines = [line for line in path.read_text().splitlines() if line.split(";")[0] not in names]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def events(folder) -> list[str]:
+    with open_campaign(folder).journal_reader() as journal:
+        return [each.record.text for each in journal.records_of(Event)]
+
+
+@pytest.mark.parametrize(
+    ("skip", "names"),
+    [
+        (["missing"], ["shot2", "shot3", "shot8", "shot9"]),
+        (["2", "shot9"], ["shot2", "shot3", "shot8", "shot9"]),
+        (["missing", "0"], ["shot0", "shot1", "shot2", "shot3", "shot8", "shot9"]),
+    ],
+)
+def test_what_is_there_is_imported_without_the_pairs_that_lack_a_point(pkmcal, folder, skip, names):
+    points = write_points(folder)
+    without_points(points, "shot2", "shot9")
+    words = ("import", folder, points, "--unit", "mm")
+    refused = pkmcal(*words)
+    assert "2 joints without a point" in refused.error_line
+    assert "--skip missing imports what is there" in refused.error_line
+    ended = pkmcal(*words, *(word for each in skip for word in ("--skip", each)))
+    assert ended.code == 0, ended.err
+    assert f"left out: {len(names)} shots: {', '.join(names)}" in ended.err
+    assert len(imported(folder)[-1].shots) == len(JOINTS) - len(names)
+    assert events(folder) == [f"{points}: left out of the import: {', '.join(names)}"]
+
+
+def test_a_point_that_is_to_be_skipped_may_be_there_and_a_wrong_name_is_refused(pkmcal, folder):
+    points = write_points(folder)
+    words = ("import", folder, points, "--unit", "mm", "--skip")
+    assert "--skip 99:" in pkmcal(*words, "99").error_line
+    assert pkmcal(*words, "shot4").code == 0
+    pairs = {shot.intent.pair for shot in imported(folder)[-1].shots}
+    assert len(pairs) == 5
+    shots = write_shots(folder.parent / "shots.csv", table(folder))
+    assert "delete" in pkmcal("import", folder, shots, "--force", "--skip", "1").error_line
+
+
+def checked_rows(paper, joints, moved_deg=0.0):
+    """Shots of a check at these joints, one of whose encoders has slipped."""
+    true = joints + np.radians([0.0, 0.0, moved_deg, 0.0])
+    points = TRACKER_FROM_BASE.apply(TRUE.forward(true).values_or_raise()[:, :3])
+    points += np.random.default_rng(8).normal(0.0, NOISE_MM, points.shape)
+    path = paper.folder.parent / "check.csv"
+    head = "pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm"
+    rows = np.hstack([np.degrees(joints), points]).tolist()
+    path.write_text("\n".join([head, *(f",{','.join(map(repr, row))}" for row in rows)]) + "\n")
+    return path
+
+
+@pytest.mark.slow
+def test_a_check_is_imported_and_judged_as_a_measured_one(pkmcal, whole, tmp_path):
+    folder = shutil.copytree(whole.folder, tmp_path / "c")
+    paper = replace(whole, folder=folder, campaign=open_campaign(folder))
+    joints = np.array([shot.joints for shot in paper.plan(8, 0)[1:-1]]) + 0.001
+    good = pkmcal("import", folder, checked_rows(paper, joints), "--stage", "check", "--json")
+    assert (good.code, good.document["decision"]) == (0, "pass"), good.err
+    assert good.document["shots"] == len(joints)
+    again = pkmcal("import", folder, tmp_path / "check.csv", "--stage", "check")
+    assert "is a copy of shot 0 of series" in again.error_line
+    slipped = checked_rows(paper, joints, moved_deg=0.2)
+    bad = pkmcal("import", folder, slipped, "--stage", "check", "--json")
+    assert (bad.code, bad.document["decision"]) == (1, "fail"), bad.err
+    assert "encoder 2" in bad.document["parts"]
+    assert bad.document["next"].endswith(" --update")
+    few = checked_rows(paper, joints[:3] + 0.001)
+    assert "at least 6" in pkmcal("import", folder, few, "--stage", "check").error_line
+    assert pkmcal("check-journal", folder).code == 0
+    assert pkmcal("identify", folder, "--update").code in {0, 1}
+
+
+@pytest.mark.slow
+def test_a_check_without_devices_has_a_program_and_needs_an_identification(
+    pkmcal, whole, folder, tmp_path
+):
+    shots = write_shots(tmp_path / "shots.csv", table(folder))
+    text = re.sub(r"(?m)^\d+,", ",", shots.read_text())
+    (tmp_path / "check.csv").write_text(text)
+    words = ("import", folder, tmp_path / "check.csv", "--stage", "check")
+    assert "nothing has been measured yet" in pkmcal(*words).error_line
+    assert pkmcal("import", folder, shots).code == 0
+    assert "nothing has been identified" in pkmcal(*words).error_line
+    assert len(imported(folder)) == 1
+    copy = shutil.copytree(whole.folder, tmp_path / "c")
+    written = pkmcal("plan", copy, "--program", "csv", "--stage", "check", "--json")
+    assert written.code == 0, written.err
+    (program,) = written.document["programs"]
+    assert (program["stage"], program["shots"]) == ("check", 8)
+    assert joints_path(copy, "check").read_text().count(",check") == 8
