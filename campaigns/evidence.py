@@ -813,12 +813,15 @@ def _checks_of_instrument(evidence: Evidence) -> Iterator[Check]:
     None of them decides: the limits that were recorded with the series count.
     """
     now = StatedInstrument.of(evidence.campaign.config.tracker)
+    changes: dict[str, list[str]] = {}
     for _, item in evidence.by_stage():
-        number, then = item.series.number, evidence.campaign.instrument_of(item.series.started)
-        if changed := then.difference(now):
+        then = evidence.campaign.instrument_of(item.series.started)
+        changes.setdefault(then.difference(now), []).append(str(item.series.number))
+    for changed, numbers in changes.items():
+        if changed:
             yield Check(
-                f"campaign.yaml states the tracker's uncertainty as when series {number} was "
-                "measured or imported",
+                "campaign.yaml states the tracker's uncertainty as when series "
+                f"{', '.join(numbers)} came into the journal",
                 holds=False,
                 detail=f"{changed}; the former counts",
                 decides=False,

@@ -54,6 +54,8 @@ def page_of(evaluation: Evaluation, made_utc: str) -> Page:
         ("issued by", certificate.laboratory),
         ("robot", f"{certificate.robot_type} {robot}".strip()),
         ("serial number", config.instruments.robot_serial),
+        ("tracker", record.tracker_in_words(evidence)),
+        ("conditions", certificate.conditions),
         ("place", config.people.site),
         ("operator", config.people.operator),
         ("authorised by", certificate.authorised_by),
@@ -112,7 +114,7 @@ def _uncertainty(evaluation: Evaluation) -> str:
     """Return what the U of the commanded robot's figures contains; empty without figures."""
     if evaluation.before is None and evaluation.after is None:
         return ""
-    return f"{evaluation.scatter.says}."
+    return f"{evaluation.scatter.says}. {record.points_source(evaluation.evidence)}".strip()
 
 
 def _alarms(evaluation: Evaluation) -> Iterator[str]:

@@ -63,7 +63,7 @@ INSTRUMENT: tuple[Column[tuple[str, StatedInstrument]], ...] = (
     words("along the beam", lambda row: row[1].limits_in_words[0]),
     words("across it", lambda row: row[1].limits_in_words[1]),
     words("common: scale, axes, reflector", lambda row: row[1].limits_in_words[2]),
-    words("source", lambda row: row[1].source_in_words),
+    words("source of along and across", lambda row: row[1].source_in_words),
 )
 FRAMES: tuple[Column[tuple[str, Frame]], ...] = (
     words("shots", lambda row: row[0]),
@@ -110,11 +110,10 @@ def facts(evaluation: Evaluation) -> Iterator[Row]:
     # the latest series counts in which a device stated who it is: imported series have no devices
     started = [s.started for s in reversed(evidence.journal.series)] if evidence.journal else []
     robot = next((start.robot for start in started if start.robot), "")
-    tracker = _stated_tracker(evidence) or " ".join(filter(None, _tracker_named(evidence).values()))
     identification, times = evidence.identification, _times_utc(evidence)
     yield from (
         ("controller", str(robot)),
-        ("tracker", str(tracker)),
+        ("tracker", tracker_in_words(evidence)),
         ("tracker's certificate", _tracker_certificate(certificate)),
         ("reflector", _reflector(evidence)),
         ("tool", certificate.tool),
@@ -188,6 +187,12 @@ def _tracker_named(evidence: Evidence) -> dict[str, str]:
         "instruments.tracker": model or config.instruments.tracker,
         "tracker.serial": (identity.serial if identity else "") or config.tracker.serial or "",
     }
+
+
+def tracker_in_words(evidence: Evidence) -> str:
+    """Return the tracker as it stated itself, or else by campaign.yaml; "" if neither does."""
+    stated = _stated_tracker(evidence)
+    return str(stated) if stated else " ".join(filter(None, _tracker_named(evidence).values()))
 
 
 def _stated_tracker(evidence: Evidence) -> Identity | None:
@@ -316,6 +321,19 @@ def _tracker_row(evidence: Evidence, name: str, item: MeasuredSeries) -> Tracker
         all_or_some = "" if count == len(shots) else f", for {count} of {len(shots)}"
         source = f"limits: {stated.source}{all_or_some}"
     return TrackerRow(time_series(name, shots), median_mm, largest_mm, source)
+
+
+def points_source(evidence: Evidence) -> str:
+    """Return a sentence on the source of the validated points' uncertainty; "" without points."""
+    sources = dict[str, None]()  # in their order, each once
+    for item in (*evidence.before, *evidence.after):
+        count, shots = _without_statement(item.shots), len(item.shots)
+        if count:
+            stated = evidence.campaign.instrument_of(item.series.started)
+            sources[f"the tracker's limits ({stated.source_in_words})"] = None
+        if count < shots:
+            sources["each point's own statement"] = None
+    return f"Its instrument's part is from {' and '.join(sources)}." if sources else ""
 
 
 def _without_statement(shots: Shots) -> int:

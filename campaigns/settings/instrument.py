@@ -85,10 +85,12 @@ class StatedInstrument:
     def limits_in_words(self) -> tuple[str, str, str]:
         """Limits along the beam, across it, and of what all shots have in common."""
         limits, common = self.limits, self.common
+        typed = "default" if common == TrackerCommonConfig() else "by campaign.yaml"
+        of_all = f"{common.scale_ppm:g} ppm, {common.axes_um_per_m:g} µm/m"
         return (
             f"{limits.along_um:g} µm + {limits.along_um_per_m:g} µm/m",
             f"{limits.across_um:g} µm + {limits.across_um_per_m:g} µm/m",
-            f"{common.scale_ppm:g} ppm, {common.axes_um_per_m:g} µm/m, {common.reflector_mm:g} mm",
+            f"{of_all}, {common.reflector_mm:g} mm ({typed})",
         )
 
     def difference(self, other: "StatedInstrument") -> str:

@@ -79,6 +79,8 @@ def test_the_limits_that_count_stand_on_the_page_with_their_source(tmp_path):
     for words in ("10 µm + 0.3 µm/m", "15 µm + 6 µm/m", "17 ppm", "Acme 3, typed by A. Bee"):
         assert words in text
     assert "limits: data sheet" in text
+    assert "part is from the tracker's limits (Acme 3, typed by A. Bee)." in text
+    assert "mm (default)" in text, "the data sheet does not state what shots have in common"
 
 
 def test_defaults_and_limits_without_a_record_give_no_certificate(tmp_path):
