@@ -365,7 +365,7 @@ def find_measured(campaign: Campaign, work: Work, terminal: Terminal) -> RunResu
             if ran.left_out
             else "--anew takes all of it again"
         )
-        terminal.note(f"nothing is left to measure; {more}")
+        terminal.note(f"all of the plan is measured; {more}")
     return ran
 
 

@@ -77,7 +77,8 @@ def rehearse(
     heading(terminal, 7, "validate after")
     after = _validate(campaign, terminal, "after")
     rehearsal.after = after.result.document()
-    show_gain(terminal, after.evaluation)
+    if terminal.is_verbose:
+        show_gain(terminal, after.evaluation)
     of_campaign = after.differing_verdict
     return rehearsal, after.verdict.reasons or (of_campaign.reasons if of_campaign else ())
 

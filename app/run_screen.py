@@ -194,8 +194,10 @@ def line_of(progress: Progress) -> str:
         parts.append(f"{interval(progress.eta_s)} left")
     has_shot = progress.shot is not None and progress.state not in STATES_WITHOUT_SHOT
     on = f" ({progress.object})" if progress.object else ""
-    shot = f" {progress.purpose} {progress.shot}{on}" if has_shot else ""
-    parts += [f"{progress.state.value}{shot}", *_residual_and_drift(progress)]
+    if progress.state is not EngineState.IDLE:  # between two shots the next figures say all
+        shot = f" {progress.purpose} {progress.shot}{on}" if has_shot else ""
+        parts.append(f"{progress.state.value}{shot}")
+    parts += _residual_and_drift(progress)
     if not progress.beam_locked:
         lost_s = progress.beam_lost_s
         parts.append(f"BEAM LOST for {interval((lost_s, lost_s))}" if lost_s else "BEAM LOST")

@@ -157,7 +157,7 @@ ROWS = (
     Row(
         lambda s: bool(s.worker),
         "status {folder}",
-        "wait, or look on by `pkmcal watch {folder}`",
+        "wait, or follow with `pkmcal watch {folder}`",
         "{worker} works on this campaign",
     ),
     Row(lambda s: s.to_observe and not s.measured, "run {folder}"),
@@ -222,7 +222,7 @@ ROWS = (
     Row(
         lambda s: s.to_export == "plain" and not s.after,
         "export {folder} --format plain {overwrite}",
-        why="the controller does not have all parameters",
+        why="the controller does not accept all parameters",
     ),
     Row(lambda s: s.to_export == "yaml", "export {folder} {overwrite}"),
     Row(

@@ -165,7 +165,7 @@ class TrackerState:
     laser_warm: bool
     beam_locked: bool
     reflector: str
-    packets_passed_over: int = 0
+    ignored_packets: int = 0
     """Of this connection: of unknown kinds, and states that were not asked for."""
 
 

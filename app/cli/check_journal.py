@@ -83,16 +83,21 @@ def require_page_of(journal: JournalReader, page: Path) -> None:
 
 
 def _contents(journal: Inspection) -> str:
-    """Return whether the journal is whole, and how much it holds."""
-    state = "the journal is whole" if journal.whole else "the journal is not what was written"
+    """Return whether the journal is intact, and how much it holds."""
+    state = "the journal is intact" if journal.whole else "the journal is not what was written"
     crashed = ""
     if journal.crashed_sessions:
-        crashed = f", {journal.crashed_sessions} of them without an end"
+        crashed = f" ({journal.crashed_sessions} without an end)"
     older = journal.records - journal.chained
     unchained = ""
     if journal.whole and older:
         unchained = f", {older} of them from before there were digests"
     return (
-        f"{state}: {journal.records} records{unchained}, {journal.series} series, "
-        f"{journal.sessions} sessions{crashed}, {journal.shots} shots"
+        f"{state}: {_count(journal.records, 'record')}{unchained}, {journal.series} series, "
+        f"{_count(journal.sessions, 'session')}{crashed}, {_count(journal.shots, 'shot')}"
     )
+
+
+def _count(number: int, word: str) -> str:
+    """Return a number with its word, in the plural unless it is 1."""
+    return f"{number} {word}{'' if number == 1 else 's'}"

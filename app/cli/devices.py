@@ -154,7 +154,7 @@ def facts_of_tracker(tracker: LaserTracker) -> Facts:
         "laser_warm": state.laser_warm,
         "beam_locked": state.beam_locked,
         "reflector": state.reflector,
-        "packets_passed_over": state.packets_passed_over,
+        "ignored_packets": state.ignored_packets,
         "reflectors": [reflector.name for reflector in tracker.reflectors()],
         "temperature_degC": air and air.temperature_degC,
         "pressure_hPa": air and air.pressure_hPa,

@@ -1,13 +1,14 @@
 """pkmcal dry-run: a whole campaign on a simulated cell."""
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from app.cli.report import report
-from app.console import BAD, GOOD, Terminal
+from app.console import BAD, DECISIONS, Terminal
 from app.new_campaign import (
     COMPLETED_ROBOT,
     COMPLETED_SCENARIO,
@@ -21,10 +22,11 @@ from app.new_campaign import (
 from app.next import tell_next
 from app.options import Seed
 from app.rehearsal import STAGES, heading, rehearse
+from app.report.terminal_text import limits_met, say_gain
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.evaluation.verdict import JUDGED_FIGURE
-from campaigns.evidence import evaluate
+from campaigns.evidence import Evaluation, evaluate
 from campaigns.identification.options import IdentificationOptions
 from drivers.bounded_files import is_there
 
@@ -78,17 +80,31 @@ def command(
     # the report is written also of a dry run that ended early: it says what is missing
     heading(terminal, STAGES, "report")
     _, path, _ = report(campaign)
-    terminal.say(path.name)
     seconds = time.monotonic() - started_s
-    for reason in reasons_against:
-        terminal.say(f"not good: {reason}", BAD)
-    if not reasons_against:
-        shown = any(gain.shown for gain in evaluate(campaign).gains if gain.name == JUDGED_FIGURE)
-        terminal.say(f"good: {BETTER if shown else NOTHING_TO_CORRECT}", GOOD)
+    terminal.say("")
+    _show_verdict(terminal, evaluate(campaign), reasons_against)
+    terminal.say(f"Open {path.resolve().as_uri()}")
     terminal.say(f"{seconds:.0f} s; everything is in {campaign.folder}")
     following = tell_next(terminal, campaign, reported=True)
     rehearsal.report, rehearsal.seconds = path, seconds
     terminal.conclude(rehearsal, following, is_good=not reasons_against)
+
+
+def _show_verdict(
+    terminal: Terminal, evaluation: Evaluation, reasons_against: Sequence[str]
+) -> None:
+    """Show the verdict on the campaign first, then its reasons and the gain."""
+    verdict = evaluation.verdict
+    terminal.say(f"verdict: {verdict.decision}", DECISIONS[verdict.decision])
+    if verdict.decision == "pass":
+        terminal.say(f"  {limits_met(verdict.requirements)}")
+    for reason in reasons_against:
+        terminal.say(f"  not good: {reason}", BAD)
+    if reasons_against:
+        return
+    say_gain(terminal, evaluation)
+    shown = any(gain.shown for gain in evaluation.gains if gain.name == JUDGED_FIGURE)
+    terminal.say(f"  {BETTER if shown else NOTHING_TO_CORRECT}")
 
 
 def prepare_campaign(

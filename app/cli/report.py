@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.console import BAD, Terminal
+from app.console import BAD, DECISIONS, Terminal
 from app.next import tell_next, tell_who_works
+from app.report.terminal_text import limits_met
 from campaigns.campaign import Campaign, now_utc
 from campaigns.errors import OptionsInvalid, OutputExists, WriteFailed
 from campaigns.evidence import evaluate
@@ -64,7 +65,11 @@ def command(
     with terminal.telling("reading the campaign and drawing the figures"):
         page, path, former = report(campaign, to)
     verdict = page.evaluation.verdict
-    terminal.say(f"verdict: {verdict.says}")
+    terminal.say(f"verdict: {verdict.decision}", DECISIONS[verdict.decision])
+    if verdict.decision == "pass":
+        terminal.say(f"  {limits_met(verdict.requirements)}")
+    for reason in verdict.reasons:
+        terminal.say(f"  {reason}")
     if former is not None:
         terminal.say(f"! {former.says}", BAD)
     journal = page.evaluation.evidence.journal
@@ -72,7 +77,7 @@ def command(
         terminal.say(f"! {journal.unended_load}", BAD)
     for text in page.missing:
         terminal.note(f"missing: {text}")
-    terminal.say(f"written: {path}")
+    terminal.say(f"Open {path.resolve().as_uri()}")
     if browser is not None:
         with terminal.telling(f"printing by {browser}"):
             print_by_browser(browser, path, path.with_suffix(".pdf"))

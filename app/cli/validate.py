@@ -52,9 +52,10 @@ def command(
     poses are commanded, as `pkmcal correct` writes them, and errors are relative to the wanted
     poses.
 
-    Exit code 1: a limit under `acceptance` in campaign.yaml is not met beyond doubt, distances
-    after loading are worse than before, or, with --stage after, the campaign as a whole does not
-    pass. A missing limit is reported, but is no reason for exit code 1.
+    Exit code 1, with --stage after alone: a limit under `acceptance` in campaign.yaml is not met
+    beyond doubt, distances are worse than before, or the campaign as a whole does not pass. A
+    missing limit is reported, but is no reason for exit code 1. Before calibration errors are only
+    stated.
     """
     campaign.require_devices()
     stage, names = options.stage, tuple(str(name) for name in options.only or BY_DEFAULT)

@@ -18,7 +18,7 @@ from campaigns.evaluation.summary import ErrorSummary, summary
 from campaigns.evaluation.validation import RepeatabilityTest
 from campaigns.evaluation.verdict import NO_CHANGE, Gain
 from campaigns.evidence import Evaluation
-from campaigns.files.table import NOTHING, Column, Row, number, words
+from campaigns.files.table import NOTHING, Column, Row, decimals_by, number, two_digits, words
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.events import Event
 from campaigns.identification.determined import MOST_ASSUMED, ON_PLANE, Determined
@@ -41,10 +41,11 @@ from campaigns.kinematics.parameters import ParameterTable
 from campaigns.shots.observations_csv import ObservationRow
 from campaigns.shots.shot_sets import ShotSet
 
+LEAST_SHARE = 0.01
+"""Share of the combined σ below which a row of a budget stands among the others."""
+
 Stage = Literal["before", "after"]
 STAGES: tuple[Stage, Stage] = ("before", "after")
-DECIMALS = 4
-"""Decimals of parameters and of shares in a budget."""
 
 
 def limits(head: str) -> tuple[Column[Requirement], ...]:
@@ -104,10 +105,12 @@ CUBE: tuple[Column[tuple[str, str, RepeatabilityTest]], ...] = (
 
 Named = tuple[str, IdentifiedParameter]
 VALUES: tuple[Column[Named], ...] = (
-    Column("nominal", lambda row: row[1].nominal, decimals=DECIMALS),
-    Column("identified", lambda row: row[1].value, decimals=DECIMALS),
-    Column("Δ", lambda row: row[1].delta, decimals=DECIMALS, signed=True),
-    Column("σ", lambda row: row[1].std, decimals=DECIMALS),
+    Column("nominal", lambda row: row[1].nominal, decimals=lambda row: decimals_by(row[1].std)),
+    Column("identified", lambda row: row[1].value, decimals=lambda row: decimals_by(row[1].std)),
+    Column(
+        "Δ", lambda row: row[1].delta, decimals=lambda row: decimals_by(row[1].std), signed=True
+    ),
+    Column("σ", lambda row: row[1].std, decimals=lambda row: decimals_by(row[1].std)),
     words("", lambda row: _remark(row[1])),
 )
 FINDINGS: tuple[Column[Finding], ...] = (
@@ -130,7 +133,7 @@ def events(joints: Sequence[Axis]) -> tuple[Column[Event], ...]:
 
 BUDGET: tuple[Column[tuple[str, str, float]], ...] = (
     words("source", lambda row: row[0]),
-    Column("σ", lambda row: row[2], "mm", DECIMALS),
+    Column("σ", lambda row: row[2], "mm", lambda row: decimals_by(row[2])),
     words("type", lambda row: row[1]),
 )
 
@@ -151,8 +154,8 @@ class Observed:
 
 DETERMINED: tuple[Column[Determined], ...] = (
     words("quantity", lambda row: row.name),
-    Column("σ rms", lambda row: row.rms, decimals=DECIMALS),
-    Column("largest", lambda row: row.max, decimals=DECIMALS),
+    Column("σ rms", lambda row: row.rms, decimals=lambda row: decimals_by(row.rms)),
+    Column("largest", lambda row: row.max, decimals=lambda row: decimals_by(row.rms)),
     words("", lambda row: row.unit),
     Column("by tolerances, %", lambda row: 100.0 * row.assumed, decimals=0),
     words("determined", lambda row: "yes" if row.is_determined else "no"),
@@ -170,8 +173,10 @@ OBSERVED: tuple[Column[Observed], ...] = (
 """Columns of imported observations, by object and kind."""
 TRACKER_ERRORS: tuple[Column[tuple[str, tuple[float, float]]], ...] = (
     words("error of the tracker", lambda row: SOURCES[row[0]].words),
-    Column("estimate", lambda row: row[1][0], decimals=DECIMALS, signed=True),
-    Column("σ", lambda row: row[1][1], decimals=DECIMALS),
+    Column(
+        "estimate", lambda row: row[1][0], decimals=lambda row: decimals_by(row[1][1]), signed=True
+    ),
+    Column("σ", lambda row: row[1][1], decimals=lambda row: decimals_by(row[1][1])),
     words("unit", lambda row: TRACKER_SOURCES[row[0]]),
 )
 CORRELATIONS: tuple[Column[Correlation], ...] = (
@@ -325,7 +330,7 @@ def _remark(parameter: IdentifiedParameter) -> str:
         return "held"
     if parameter.std is None:
         return "not determined"
-    return "" if is_shown(parameter) else "within U"
+    return "" if is_shown(parameter) else "≤ U"
 
 
 def _consequence(finding: Finding) -> str:
@@ -355,10 +360,14 @@ def _shots_of(event: Event) -> str:
 
 def budget_rows(identification: IdentificationResult) -> list[tuple[str, str, float]]:
     """Return source, type and 1 σ of positions, the largest first, and their combination."""
-    # the shares are independent, so they add up in squares (GUM 5.1.2)
+    # The shares are independent, so they add up in squares (GUM 5.1.2). Those that hardly count
+    # together have one row: in squares they are a ten-thousandth of the whole, each.
     shares = sorted(identification.uncertainty.budget, key=lambda share: -share.mm)
-    combined = math.sqrt(sum(share.mm**2 for share in shares))
-    rows = [(share.words, share.kind, share.mm) for share in shares]
+    combined = math.hypot(*(share.mm for share in shares))
+    least = LEAST_SHARE * combined
+    rows = [(share.words, str(share.kind), share.mm) for share in shares if share.mm >= least]
+    if small := [share.mm for share in shares if share.mm < least]:
+        rows.append((f"{len(small)} others", "", math.hypot(*small)))
     return [*rows, ("combined", "", combined)]
 
 
@@ -367,8 +376,8 @@ def positions_in_words(identification: IdentificationResult) -> Iterator[str]:
     std = identification.uncertainty.position_std_mm
     if std is not None:
         sentence = (
-            f"predicted σ of positions over the workspace: {std.mean:.4f} mm on average, "
-            f"{std.rms:.4f} mm rms, {std.max:.4f} mm at most"
+            f"predicted σ of positions over the workspace: {two_digits(std.mean)} mm on average, "
+            f"{two_digits(std.rms)} mm rms, {two_digits(std.max)} mm at most"
         )
         if std.left_out:
             sentence += f", without {std.left_out} of its poses, which this robot cannot take"
@@ -378,8 +387,8 @@ def positions_in_words(identification: IdentificationResult) -> Iterator[str]:
     for quantity in _in_sentences(identification):
         if quantity.name == "rotation":
             yield (
-                f"predicted σ of the tool's rotation: {quantity.mean:.4f}° on average, "
-                f"{quantity.rms:.4f}° rms, {quantity.max:.4f}° at most"
+                f"predicted σ of the tool's rotation: {two_digits(quantity.mean)}° on average, "
+                f"{two_digits(quantity.rms)}° rms, {two_digits(quantity.max)}° at most"
             )
         yield determined_in_words(quantity)
 
@@ -394,6 +403,13 @@ def _in_sentences(identification: IdentificationResult) -> tuple[Determined, ...
     """Return the quantities that no table has, which sentences state."""
     listed = determined_rows(identification)
     return () if listed else identification.uncertainty.determined
+
+
+def quantity_in_words(quantity: Determined) -> str:
+    """Return what observations alone determine of a quantity, in words."""
+    state = "determined" if quantity.is_determined else "NOT determined"
+    tested = "tested" if quantity.is_tested else "not tested"
+    return f"{quantity.name}: σ {two_digits(quantity.rms)} {quantity.unit} rms, {state}, {tested}"
 
 
 def observed_rows(rows: Iterable[ObservationRow]) -> Iterator[Observed]:
@@ -434,13 +450,13 @@ def undetermined_in_words(identification: IdentificationResult) -> Iterator[str]
     undetermined = identification.value.undetermined
     alone = [names[0] for names in undetermined if len(names) == 1]
     if alone:
-        yield f"no shot determines {', '.join(alone)}: kept at nominal"
+        yield f"not observable: {', '.join(alone)}: kept at nominal"
     together = len(undetermined) - len(alone)
     if together:
-        word = "combination" if together == 1 else "combinations"
+        word = "combination is" if together == 1 else "combinations are"
         yield (
-            f"no shot determines {together} {word} of parameters, such as motions of the "
-            "base frame: kept at nominal (the report lists them)"
+            f"{together} parameter {word} not observable, such as motions of the base frame: "
+            "kept at nominal (the report lists them)"
         )
 
 
@@ -452,9 +468,8 @@ def in_words(identification: RecordedIdentification) -> Iterator[str]:
             "model shows"
         )
     provenance = identification.provenance
-    settled = "settled" if provenance.converged else "did not settle"
-    rounds = f"the fit {settled} after {provenance.iterations} rounds"
-    yield f"model {provenance.model}: {rounds}"
+    converged = "converged" if provenance.converged else "did not converge"
+    yield f"model {provenance.model}: the fit {converged} in {provenance.iterations} iterations"
     if (scatter := identification.uncertainty.scatter) is not None:
         yield scatter.says
     if (reference_degC := identification.value.reference_degC) is not None:

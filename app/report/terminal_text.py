@@ -1,22 +1,23 @@
 """Results of an identification and of a validation on the terminal, and as a document.
 
-Both go from figures to the decision: tables first, then what was left out and what was noticed, and
-the verdict last, where it stays on the screen. `--json` has the same figures by stable names.
+The verdict comes first, then its reasons and the few figures that most people read: all of it fits
+on a small screen. `--verbose` adds every table, the report has them on its page, and `--json` has
+the same figures by stable names.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from app.console import DECISIONS, GOOD, WARNING, Terminal
+from app.console import DECISIONS, WARNING, Terminal
 from app.next import tell_next
 from app.report import tables
 from campaigns.arrays import AXES
 from campaigns.campaign import Campaign
-from campaigns.evaluation.decision import NO_LIMIT
+from campaigns.evaluation.decision import NO_LIMIT, Requirement
 from campaigns.evaluation.iso_figures import cube_frame, cube_poses
 from campaigns.evaluation.summary import BeforeAfter
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evidence import Evaluation
-from campaigns.files.table import NOTHING, Column, number, texts, words
+from campaigns.files.table import NOTHING, Column, number, texts, two_digits, words
 from campaigns.identification.findings import WRONG_SHOTS, Finding, remedy_of
 from campaigns.identification.result import RecordedIdentification, Residuals
 from campaigns.kinematics.parameters import ParameterTable
@@ -30,15 +31,62 @@ ERRORS: tuple[Column[tuple[str, BeforeAfter]], ...] = (
     Column("max before", lambda row: row[1].before.max_abs),
     Column("after", lambda row: row[1].after.max_abs),
 )
+SHARES_SHOWN = 5
+"""Number of rows of the budget that are shown without --verbose: they are nearly all of it."""
+LEFT_OUT_SHOWN = 5
+"""Number of shots left out that have a line each without --verbose."""
 
 
 def show_identification(
     terminal: Terminal, identification: RecordedIdentification, table: ParameterTable
 ) -> None:
-    """Show parameters, errors, budget, findings, and the verdict last."""
+    """Show the verdict with its reasons, the largest shares of σ, and what was left out."""
+    judgement = identification.judgement
+    terminal.say(f"verdict: {judgement.verdict}", DECISIONS[judgement.verdict])
+    for reason in judgement.reasons:
+        terminal.say(f"  {reason}")
+    if terminal.is_verbose:
+        _show_tables(terminal, identification, table)
+    else:
+        _show_largest_shares(terminal, identification)
+        _show_changes(terminal, identification)
+    _show_left_out(terminal, identification)
+    for finding in judgement.findings:
+        if not (finding.affects_verdict or _is_listed(finding, identification)):
+            terminal.say(f"{finding.says}{' (accepted)' if finding.accepted else ''}", WARNING)
+
+
+def _show_largest_shares(terminal: Terminal, identification: RecordedIdentification) -> None:
+    """Show σ of positions and where most of it comes from; of observations what they determine."""
+    *rows, (_, _, combined) = tables.budget_rows(identification)
+    if determined := tables.determined_rows(identification):
+        for quantity in determined:
+            terminal.say(tables.quantity_in_words(quantity))
+    if determined or not rows:
+        return
+    sizes = "the largest shares" if len(rows) > SHARES_SHOWN else "its shares"
+    terminal.say(f"positions: σ {two_digits(combined)} mm rms over the workspace; {sizes}:")
+    for words_of_source, _, mm in rows[:SHARES_SHOWN]:
+        terminal.say(f"  {two_digits(mm):<7} {words_of_source}")
+
+
+def _show_changes(terminal: Terminal, identification: RecordedIdentification) -> None:
+    """Count the parameters that differ from nominal, and say where all of them stand."""
+    value = identification.value
+    shown = sum(tables.is_shown(value.parameters[name]) for name in value.free)
+    terminal.say(
+        f"{shown} of {len(value.free)} parameters differ from nominal by more than U; all stand "
+        "in the report, and here with `pkmcal --verbose identify`"
+    )
+
+
+def _show_tables(
+    terminal: Terminal, identification: RecordedIdentification, table: ParameterTable
+) -> None:
+    """Show parameters, errors, the budget and sentences on the model."""
     # The full model has dozens of parameters of imperfect parts and drives. Those within U of
     # nominal are only counted.
-    value, judgement = identification.value, identification.judgement
+    value = identification.value
     free = [(name, value.parameters[name]) for name in value.free]
     listed = [(name, p) for name, p in free if name in table.names or tables.is_shown(p)]
     terminal.rows("Parameters (mm, deg, ppm)", COLUMNS, listed)
@@ -48,24 +96,23 @@ def show_identification(
     if identification.uncertainty.budget:
         title = "Uncertainty of positions, 1 σ, rms over the workspace"
         terminal.rows(title, tables.BUDGET, tables.budget_rows(identification))
-    terminal.rows(
-        "What these observations determine, 1 σ",
-        tables.DETERMINED,
-        tables.determined_rows(identification),
-    )
+    if determined := tables.determined_rows(identification):
+        terminal.rows("What these observations determine, 1 σ", tables.DETERMINED, determined)
     if value.tracker:
         terminal.rows("Errors of the tracker", tables.TRACKER_ERRORS, value.tracker.items())
     for line in _sentences(identification):
-        if line not in judgement.reasons:  # reasons stand below the verdict
+        if line not in identification.judgement.reasons:  # they stand below the verdict
             terminal.say(line)
-    for line in _left_out(identification):
+
+
+def _show_left_out(terminal: Terminal, identification: RecordedIdentification) -> None:
+    """Show the shots and pairs that were left out: the first ones, and how many more."""
+    lines = [*_left_out(identification)]
+    shown = lines if terminal.is_verbose else lines[:LEFT_OUT_SHOWN]
+    for line in shown:
         terminal.say(f"left out: {line}", WARNING)
-    for finding in judgement.findings:
-        if not (finding.affects_verdict or _is_listed(finding, identification)):
-            terminal.say(f"{finding.says}{' (accepted)' if finding.accepted else ''}", WARNING)
-    terminal.say(f"verdict: {judgement.verdict}", DECISIONS[judgement.verdict])
-    for reason in judgement.reasons:
-        terminal.say(f"  {reason}")
+    if more := len(lines) - len(shown):
+        terminal.say(f"left out: {more} more, which the report lists", WARNING)
 
 
 def _show_errors(terminal: Terminal, residuals: Residuals) -> None:
@@ -138,22 +185,66 @@ def validation_answer(validated: Validated) -> dict[str, object]:
 
 
 def show_validation(terminal: Terminal, validated: Validated, campaign: Campaign) -> None:
-    """Show the results, for people and programs, and what is next; raise `Exit` unless good."""
-    _show(terminal, validated)
-    if validated.stage == "after" and validated.evaluation.before is not None:
-        show_gain(terminal, validated.evaluation)
-    has_passed = validated.verdict.decision in {NO_LIMIT, "pass"}
-    is_good = has_passed and validated.differing_verdict is None
+    """Show the results, for people and programs, and what is next; raise `Exit` unless good.
+
+    Before calibration errors are only stated: a limit that is missed then is no fault.
+    """
+    is_good = True
+    if validated.stage == "before":
+        _show_stated(terminal, validated)
+    else:
+        _show_judged(terminal, validated)
+        has_passed = validated.verdict.decision in {NO_LIMIT, "pass"}
+        is_good = has_passed and validated.differing_verdict is None
     terminal.conclude(validation_answer(validated), tell_next(terminal, campaign), is_good=is_good)
 
 
-def _show(terminal: Terminal, validated: Validated) -> None:
-    """Show every figure with its uncertainty, then the decisions on stage and campaign."""
+def limits_met(requirements: Sequence[Requirement]) -> str:
+    """Return how many limits are specified and met, in words."""
+    count = sum(requirement.limit is not None for requirement in requirements)
+    met = "the specified limit is" if count == 1 else f"all {count} specified limits are"
+    return f"{met} met, measurement uncertainty included"
+
+
+def _show_stated(terminal: Terminal, validated: Validated) -> None:
+    """Show the figures of the robot before calibration, and the limits that it misses."""
+    unmet = validated.verdict.reasons
+    missed = f"; {len(unmet)} of the limits for the calibrated robot are not met" if unmet else ""
+    terminal.say(f"before calibration, errors are only stated{missed}")
+    for reason in unmet if terminal.is_verbose else ():
+        terminal.say(f"  {reason}")
+    _show_figures(terminal, validated)
+
+
+def _show_judged(terminal: Terminal, validated: Validated) -> None:
+    """Show the decisions on stage and campaign, the gain, and every figure with its U."""
+    verdict, whole = validated.verdict, validated.campaign_verdict
+    terminal.say(f"verdict: {verdict.decision}", DECISIONS[verdict.decision])
+    for reason in verdict.reasons:
+        terminal.say(f"  not good: {reason}")
+    if verdict.decision == "pass":
+        terminal.say(f"  {limits_met(verdict.requirements)}")
+    if whole is not None and whole.decision not in {verdict.decision} - {NO_LIMIT}:
+        terminal.say(f"the campaign as a whole: {whole.decision}", DECISIONS[whole.decision])
+        for reason in whole.reasons:
+            terminal.say(f"  {reason}")
+    _show_figures(terminal, validated)
+    if validated.evaluation.before is None:
+        return
+    if terminal.is_verbose:
+        show_gain(terminal, validated.evaluation)
+    else:
+        say_gain(terminal, validated.evaluation)
+
+
+def _show_figures(terminal: Terminal, validated: Validated) -> None:
+    """Show every figure with its uncertainty, and what the robot was measured with."""
     stage, result, verdict = validated.stage, validated.stage_result, validated.verdict
     columns = tables.limits("")
     rows = texts(columns, verdict.requirements)
     further = result.further_figures_mm().items()
-    rows += tuple((name, number(value), *[NOTHING] * 4) for name, value in further)
+    if terminal.is_verbose:
+        rows += tuple((name, number(value), *[NOTHING] * 4) for name, value in further)
     terminal.table(f"Validation, {stage} (mm)", [column.head for column in columns], rows)
     if result.cube:
         # a terminal of 80 columns has no room for the stage, the poses' places and n
@@ -165,17 +256,15 @@ def _show(terminal: Terminal, validated: Validated) -> None:
     held = validated.evaluation.evidence.held(stage)
     if held is not None and (held.form or held.declared or held.kind == "other"):
         terminal.say(f"the controller held {held.says}")
-    # limits are for the calibrated robot: before calibration a missed limit is no fault
-    label, style = "before calibration, only stated", ""
-    if stage == "after":
-        label, style = "not good", DECISIONS[verdict.decision]
-    for reason in verdict.reasons:
-        terminal.say(f"{label}: {reason}", style)
-    if verdict.decision == "pass" and validated.differing_verdict is None:
-        terminal.say("good: all specified limits are met, measurement uncertainty included", GOOD)
-    campaign = validated.campaign_verdict
-    if campaign is not None and campaign.decision not in {verdict.decision} - {NO_LIMIT}:
-        terminal.say(f"the campaign as a whole: {campaign.says}", DECISIONS[campaign.decision])
+
+
+def say_gain(terminal: Terminal, evaluation: Evaluation) -> None:
+    """Say what the distances gained, mean and largest, each in a line."""
+    names = ("distances, mean error", "distances, largest error")
+    for gain in evaluation.gains:
+        if gain.name in names and gain.shown is not None:
+            words_of_gain = "" if gain.shown is False else f" ({tables.change(gain)})"
+            terminal.say(f"  {gain.in_words()}{words_of_gain}")
 
 
 def show_gain(terminal: Terminal, evaluation: Evaluation) -> None:

@@ -39,6 +39,16 @@ HEADLINES: Mapping[Verdict, str] = {
     "not decided": "Conformity could be neither shown nor ruled out.",
     NO_LIMIT: "No acceptance limits are specified; no statement of conformity is made.",
 }
+OPPOSITES: Mapping[str, str] = {
+    "is": "is not",
+    "was": "was not",
+    "were": "were not",
+    "held": "did not hold",
+    "says": "does not say",
+    "contains": "does not contain",
+    "belong": "do not belong",
+}
+"""Verbs of statements about the files, and of their opposites; the first one in it counts."""
 NO_CHANGE: FigureChange = "no change shown"
 JUDGED_FIGURE = "distances, mean error"
 """The figure that must not become worse by loading."""
@@ -187,8 +197,8 @@ def lost_beyond(form: ReducedForm | None, limits: AcceptanceConfig) -> Iterator[
         # computed over the workspace, not measured: its U is 0
         if limit_mm is not None and decide(lost_mm, 0.0, limit_mm) == "fail":
             yield (
-                f"the form of the identified parameters ({form.name}) {form.loses} of position "
-                f"over the workspace, limit for the {figure} distance {limit_mm:g} mm"
+                f"the reduced set of the identified parameters ({form.name}) {form.loses} "
+                f"of position over the workspace, limit for the {figure} distance {limit_mm:g} mm"
             )
 
 
@@ -228,6 +238,12 @@ class Check:
     detail: str
     decides: bool = True
     """Whether the campaign cannot pass if the statement does not hold."""
+
+    @property
+    def denied(self) -> str:
+        """The statement's opposite, in words."""
+        verb = next(word for word in OPPOSITES if f" {word} " in self.statement)
+        return self.statement.replace(f" {verb} ", f" {OPPOSITES[verb]} ", 1)
 
 
 def same_digest(statement: str, digest: str | None, other: str | None) -> Check:
@@ -294,7 +310,7 @@ def campaign_verdict(
         *(f"Not shown: {reason}." for reason in after.beyond),
         *(f"Worse: {reason}." for reason in after.worse),
         *notes,
-        *(f"Not confirmed: {check.statement} ({check.detail})." for check in broken),
+        *(f"{check.denied[:1].upper()}{check.denied[1:]} ({check.detail})." for check in broken),
     )
     return CampaignVerdict(decision, headline, reasons, after.requirements)
 

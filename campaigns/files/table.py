@@ -5,6 +5,7 @@ cell. So terminal and page cannot show different figures, and a program that rea
 unrounded number under the head that people see.
 """
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
@@ -32,7 +33,8 @@ class Column(Generic[T]):
     head: str
     of: Callable[[T], Cell]
     unit: str = ""
-    decimals: int = 3
+    decimals: int | Callable[[T], int] = 3
+    """Decimals of a number, for all rows or by the row."""
     signed: bool = False
     kind: Kind = "number"
 
@@ -41,7 +43,8 @@ class Column(Generic[T]):
         cell = self.of(row)
         if isinstance(cell, str | int):  # a count has no decimals
             return str(cell)
-        return number(cell, self.decimals, signed=self.signed)
+        decimals = self.decimals if isinstance(self.decimals, int) else self.decimals(row)
+        return number(cell, decimals, signed=self.signed)
 
     def csv(self, row: T) -> str:
         """Return the cell as programs read it: the shortest decimals of the same double."""
@@ -79,3 +82,18 @@ def number(value: float | None, decimals: int = 3, *, signed: bool = False) -> s
     rounded = round(value, decimals) or 0.0  # a number that rounds to 0 has no sign
     text = f"{rounded:{'+' if signed and rounded else ''}.{decimals}f}"
     return text.replace("-", "−")
+
+
+def decimals_by(std: float | None, otherwise: int = 4) -> int:
+    """Return the decimals by which a standard deviation has two digits (GUM 7.2.6).
+
+    `otherwise` are those of a value without σ, or with a σ of 0.
+    """
+    if not std or not math.isfinite(std):
+        return otherwise
+    return max(1 - math.floor(math.log10(float(f"{abs(std):.1e}"))), 0)
+
+
+def two_digits(std: float) -> str:
+    """Write a standard deviation in two digits, without an exponent."""
+    return number(std, decimals_by(std))

@@ -465,7 +465,7 @@ class FittedCampaign(StatedValues):
         off_mode = np.abs(null.transform(self.likeliest.x) - self.likeliest.x).max(initial=0.0)
         # at the minimum the gradient along undetermined directions is the prior's alone
         if not fit.has_converged or (self.datum is None and off_mode > SETTLED_TOLERANCES):
-            says = "the fit did not settle: look for gross errors, or measure at more poses"
+            says = "the fit did not converge: look for gross errors, or measure at more poses"
             yield Finding(findings.NOT_ARRIVED, says, "fail")
         yield from self._reproduction(fit, null)
         accepted = findings.ACCEPTABLE if options.accept_large_change else ()

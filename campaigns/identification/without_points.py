@@ -185,7 +185,7 @@ class _Observed(StatedValues):
     ) -> Iterator[Finding]:
         options = self.options
         if not fit.has_converged:
-            says = "the fit did not settle: look for gross errors, or measure at more poses"
+            says = "the fit did not converge: look for gross errors, or measure at more poses"
             yield Finding(findings.NOT_ARRIVED, says, "fail")
         accepted = findings.ACCEPTABLE if options.accept_large_change else ()
         for finding in findings.tolerance_findings(fit, null):

@@ -430,7 +430,7 @@ class Engine:
             self._session.mover.require_sound()
             self._session.mover.pause(0.1)
         self._run_state.show_idle()
-        self._log.announce(Event("operator note", "the operator goes on"))
+        self._log.announce(Event("operator note", "resumed by the operator"))
 
     def _compare_at_end(self) -> None:
         """Compare the poses that were compared after a restart, or as many as there are."""

@@ -35,13 +35,13 @@ class ReducedForm:
     @property
     def says(self) -> str:
         """Name of the form and its losses, in words."""
-        lost = f", {self.loses}" if self.lost_max_mm else ""
-        return f"a form of the identified parameters ({self.name}){lost}"
+        lost = f", which {self.loses}" if self.lost_max_mm else ""
+        return f"a reduced set of the identified parameters ({self.name}){lost}"
 
     @property
     def loses(self) -> str:
         """Mean and largest loss, in the words of every output that mentions the form."""
-        return f"loses {self.lost_mean_mm:.4f} mm on average, {self.lost_max_mm:.4f} mm at most"
+        return f"loses {self.lost_mean_mm:.3f} mm on average, {self.lost_max_mm:.3f} mm at most"
 
 
 def form_of(stated: Mapping[str, JsonValue] | None, where: str) -> ReducedForm | None:

@@ -254,7 +254,7 @@ class WatchConfig(FileModel):
     columns: str = Field(
         default="",
         pattern=r"^(|(name|x|y|z|-)(,(name|x|y|z|-))*)$",
-        description="the columns from the left, name,x,y,z, with - for one that is passed over; "
+        description="the columns from the left, name,x,y,z, with - for one that is ignored; "
         "empty: the first three numbers in a row",
     )
     coordinates: Literal["actual", "nominal"] | None = Field(

@@ -197,7 +197,7 @@ def export_firmware(
     notes = [
         f"{firmware}: values of {campaign.robot_identity}, written by pkmcal {VERSION}",
         f"identified sha256: {robot.digest()}",
-        f"a form of the identified parameters, {form.loses}",
+        f"a reduced set of the identified parameters, which {form.loses}",
         f"z = 0 is {origin}; end stops at a reading of {switch_mm:g} mm",
         *FIRMWARE_NOTES[firmware],
     ]

@@ -218,4 +218,4 @@ def doubtful(evaluation: Evaluation) -> Iterator[str]:
     against = (each for each in identification.judgement.findings if each.affects_verdict)
     yield from (finding.says for finding in against)
     broken = (each for each in evaluation.checks if each.holds is False)
-    yield from (f"not confirmed: {each.statement} ({each.detail})" for each in broken)
+    yield from (f"{each.denied} ({each.detail})" for each in broken)

@@ -84,7 +84,7 @@ class EmsconTracker(PreparedTracker[EmsconClient, setup.Settings]):
             laser_warm=setup.is_warm(status),
             beam_locked=readiness is not values.Readiness.NOT_READY and self._sees_reflector(),
             reflector=self._reflector_in_use(),
-            packets_passed_over=client.passed_over,
+            ignored_packets=client.passed_over,
         )
 
     @override

@@ -103,16 +103,25 @@ def test_the_document_states_parameters_within_their_uncertainty(pkmcal, clean):
 
 
 def test_people_read_parameters_errors_budget_noise_and_the_verdict(pkmcal, clean):
-    code, out, _ = pkmcal("identify", clean.folder)
+    code, out, _ = pkmcal("--verbose", "identify", clean.folder)
     assert code == 0
-    for words in (
-        "plate_mm ",
-        "Uncertainty of positions, 1 σ",
-        "no shot determines",
-        "verdict: pass",
-    ):
+    for words in ("plate_mm ", "Uncertainty of positions, 1 σ", "robot repeatability"):
         assert f"\n{words}" in out, words
+    assert out.startswith("verdict: pass\n")
+    assert "are not observable" in out
+    assert " 0.0000 " not in out[out.index("Uncertainty of positions") :]
     assert "axis_tilt_deg  " not in out, "parts that show no change are counted, not listed"
+
+
+def test_a_small_screen_shows_the_verdict_first_and_the_largest_shares(pkmcal, clean):
+    code, out, _ = pkmcal("identify", clean.folder)
+    lines = out.splitlines()
+    assert (code, lines[0]) == (0, "verdict: pass")
+    assert len(lines) <= 12
+    heading = next(place for place, line in enumerate(lines) if line.startswith("positions: σ"))
+    shares = [float(line.split()[0]) for line in lines[heading + 1 : heading + 6]]
+    assert shares == sorted(shares, reverse=True)
+    assert "plate_mm " not in out, "parameters stand in the report"
 
 
 def test_an_accepted_large_change_is_said_to_be_accepted(pkmcal, clean):

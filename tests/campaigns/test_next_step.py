@@ -141,7 +141,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
         ({}, f"{LOOK}; `devices DIR` asks both devices, then: plan DIR"),
         (
             {**MEASURED, "unmeasured": "run", "worker": "process 7"},
-            "wait, or look on by `watch DIR` (process 7 works on this campaign), then: status DIR",
+            "wait, or follow with `watch DIR` (process 7 works on this campaign), then: status DIR",
         ),
         ({**PASSED, "file": "elsewhere.yaml"}, "load DIR --robot DIR/elsewhere.yaml"),
     ],

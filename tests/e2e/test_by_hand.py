@@ -135,7 +135,7 @@ def test_campaign_by_hand_is_gated_stopped_and_resumed(pkmcal, by_hand):
     assert len(records(by_hand, Outcome)) > kept
     with read_journal(by_hand / "campaign.db") as journal:
         assert len(journal.shots(1)) == 10
-    assert "the journal is whole" in pkmcal("check-journal", by_hand).out
+    assert "the journal is intact" in pkmcal("check-journal", by_hand).out
 
 
 class Software(Operator):
@@ -162,4 +162,4 @@ def test_campaign_whose_trackers_software_writes_into_a_file(pkmcal, by_hand):
     assert operator.runs("--verbose", "run", by_hand) == 0, operator.said
     with read_journal(by_hand / "campaign.db") as journal:
         assert len(journal.shots(1)) == 10
-    assert "the journal is whole" in pkmcal("check-journal", by_hand).out
+    assert "the journal is intact" in pkmcal("check-journal", by_hand).out

@@ -81,7 +81,7 @@ def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, planned):
     assert document["after"]["rotation_mm"] < 0.1 * document["before"]["rotation_mm"]
     assert document["parameter_file"] == str(planned / "robot-compensated.yaml")
     assert "7/8 validate after" in ended.err
-    assert "good: calibration improved accuracy" in ended.err
+    assert "calibration improved accuracy" in ended.err
     page = Path(document["report"]).read_text(encoding="utf-8")
     assert '<p class="decision">Pass</p>' in page
     assert "Simulated cell: no real robot was measured." in page
@@ -118,7 +118,7 @@ def test_a_second_run_has_nothing_to_do(pkmcal, measured):
     ended = pkmcal("run", measured, "--yes", "--json")
     assert ended.code == 0
     assert (ended.document["series"], ended.document["shots"]) == (1, 33)
-    assert "nothing is left" in ended.err
+    assert "all of the plan is measured" in ended.err
     assert (measured / "campaign.db").read_bytes() == before
 
 
@@ -142,8 +142,7 @@ def test_identify_says_it_as_people_and_as_programs_want_it(pkmcal, measured):
     assert (plate["delta"], plate["free"], plate["std"]) == (0.0, False, None)
     ended = pkmcal("identify", measured)
     assert ended.code == 0
-    assert "verdict: pass" in ended.out
-    assert "arm3.forearm_mm" in ended.out
+    assert ended.out.startswith("verdict: pass\n")
     assert "pkmcal export" in ended.err
 
 

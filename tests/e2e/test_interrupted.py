@@ -169,7 +169,7 @@ def test_keys_pause_measure_again_park_and_stop(planned):
         screen.type("p")
         screen.read_until("paused by the operator")
         screen.type("p")
-        screen.read_until("the operator goes on")
+        screen.read_until("resumed by the operator")
         screen.type("r")
         screen.read_until("again (operator)")
         screen.type("k")

@@ -84,7 +84,7 @@ def test_simulated_instruments_fill_the_file_and_keep_the_truth_beside(pkmcal, p
     identified = pkmcal("identify", planned, "--json").document
     (of_flat,) = (row for row in identified["determined"] if row["name"] == "flat")
     assert of_flat["assumed"] < 0.5
-    assert "the journal is whole" in pkmcal("check-journal", planned).out
+    assert "the journal is intact" in pkmcal("check-journal", planned).out
 
 
 def test_without_a_plan_observations_are_measured_alone_and_once(pkmcal, tiny):
@@ -187,4 +187,4 @@ def test_an_operator_types_heights_steps_back_skips_and_is_killed(pkmcal, height
     assert [row.values for row in in_journal(heights_by_hand)] == [(1.25,), (2.75,), (3.5,), (4.5,)]
     assert sum(row.is_planned for row in in_file(heights_by_hand)) == 1
     assert "height of bed, line 5: skipped by the operator" in " ".join(again.said.split())
-    assert "the journal is whole" in pkmcal("check-journal", heights_by_hand).out
+    assert "the journal is intact" in pkmcal("check-journal", heights_by_hand).out

@@ -26,7 +26,7 @@ def test_a_verdict_of_fail_is_exit_code_1_and_the_report_is_written(tmp_path: Pa
     assert document["reasons"]
     assert any("pkmcal run" in text for text in document["missing"])
     assert document["next"].startswith("pkmcal ")
-    assert "verdict: fail:" in ended.err
+    assert "verdict: fail\n" in ended.err
     assert f"missing: {document['missing'][0]}" in ended.err
 
 

@@ -183,6 +183,8 @@ def test_the_record_lists_only_what_the_course_does_not(evaluation: Evaluation) 
 class Screen:
     """A terminal that keeps its lines."""
 
+    is_verbose = False
+
     def __init__(self) -> None:
         self.lines: list[str] = []
 

@@ -263,7 +263,7 @@ def test_campaign_that_is_judged_otherwise_than_its_stage_has_exit_code_1(
     identify(paper.campaign, IdentificationOptions(fix=("arm3.arm_mm",)))
     assert run_command(["import", str(paper.folder), str(path), "--stage", "after", "--json"]) == 1
     ended = capsys.readouterr()
-    assert "the campaign as a whole: not decided: " in ended.err
+    assert "the campaign as a whole: not decided\n" in ended.err
     document = json.loads(ended.out)
     assert document["decision"] == "no limits specified"
     assert document["campaign"]["decision"] == "not decided"

@@ -42,7 +42,7 @@ def test_a_pause_comes_after_the_pair_and_ends_when_it_is_asked_for_again(tmp_pa
     began_s = cell.clock.now_s()
     journal = cell.run(tmp_path, work(TWO_PAIRS))
     assert len(journal.shots()) == len(TWO_PAIRS)
-    assert notes(journal) == ["paused by the operator", "the operator goes on"]
+    assert notes(journal) == ["paused by the operator", "resumed by the operator"]
     states = [progress.state for progress in cell.observer.told]
     paused = next(p for p in cell.observer.told if p.state is EngineState.PAUSED)
     assert (states.count(EngineState.PAUSED), paused.done) == (1, 3)
@@ -149,5 +149,5 @@ def test_the_robot_is_parked_and_goes_on(tmp_path: Path, park: tuple[float, ...]
     cell.clock.after(PAUSED_S / 2.0, lambda: parked.append(cell.robot.true_joints()))
     journal = cell.run(tmp_path, work(TWO_PAIRS, park=park))
     assert parked[0] == pytest.approx(np.array(park or drift(0).joints), abs=1e-6)
-    assert notes(journal) == ["parked by the operator", "the operator goes on"]
+    assert notes(journal) == ["parked by the operator", "resumed by the operator"]
     assert len(journal.shots()) == len(TWO_PAIRS)

@@ -75,10 +75,10 @@ class TestMeasure:
         assert not station.pipe.is_closed
 
     def test_packets_that_are_passed_over_are_counted(self, station):
-        before = station.tracker.state().packets_passed_over
+        before = station.tracker.state().ignored_packets
         station.comes(Packet(99, b""), Packet(3, b""), bodies.StatusChange(26))
         station.comes(Answer(Command.GET_TRACKER_STATUS, 0, bodies.Code(1)))
-        assert station.tracker.state().packets_passed_over - before == 2
+        assert station.tracker.state().ignored_packets - before == 2
 
     def test_locked_beam_lost_is_a_broken_beam(self, station):
         station.instrument.lose_the_beam()
