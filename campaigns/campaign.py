@@ -60,17 +60,6 @@ def now_utc() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
-def moment(utc: str) -> str:
-    """Return a time of the journal as local time with its zone: `2026-03-02 09:15 CET`.
-
-    A text that is no time is returned as it is.
-    """
-    try:
-        return f"{datetime.fromisoformat(utc).astimezone():%Y-%m-%d %H:%M %Z}"
-    except ValueError:
-        return utc
-
-
 @dataclass(frozen=True, slots=True)
 class CampaignFolder:
     """Campaign's folder with its settings: what can be read without the robot's file.

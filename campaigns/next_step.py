@@ -319,7 +319,7 @@ def state_of(
         plan_options=evidence.plan_options,
         misplaced=_misplaced(evidence),
         objects=bool(campaign.config.objects),
-        before=bool(evidence.before),
+        before=any(measured.series.finished for measured in evidence.before),
         reported=_is_reported(evidence) if reported is None else reported,
     )
     observations = evidence.observations
@@ -522,6 +522,8 @@ def _with_controller(
     held = held or evidence.controller
     holds = held is not None and held.origin == digest and not state.offline
     validated = _validated_set(evidence, digest, held)
+    # a validation that is under way, or was broken off, shows nothing yet
+    is_whole = any(measured.series.finished for measured in evidence.after)
     verdict = evaluation.validated("after")
     decision = "worse" if verdict.worse else verdict.decision
     # targets are corrected for a controller that keeps, or was given back, the nominal set
@@ -530,7 +532,7 @@ def _with_controller(
     return replace(
         state,
         holds=holds,
-        after=decision if validated else "",
+        after=decision if validated and is_whole else "",
         reasons="; ".join(verdict.reasons),
         plain=validated is not None and validated.form is not None and not validated.targets,
         by_targets=is_for_targets and not (validated and validated.targets),

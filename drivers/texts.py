@@ -11,6 +11,7 @@ import shlex
 import sys
 import unicodedata
 from collections.abc import Iterable
+from datetime import datetime
 from difflib import get_close_matches
 
 INSTEAD = "?"
@@ -56,6 +57,17 @@ def shortened(text: str, most: int) -> str:
         return text
     half = (most - 1) // 2
     return f"{text[:half]}…{text[-half:]}"
+
+
+def moment(utc: str) -> str:
+    """Return a time of the journal as local time with its zone: `2026-03-02 09:15 CET`.
+
+    A text that is no time is returned as it is.
+    """
+    try:
+        return f"{datetime.fromisoformat(utc).astimezone():%Y-%m-%d %H:%M %Z}"
+    except ValueError:
+        return utc
 
 
 def nearest_word(word: str, choices: Iterable[str], *, likeness: float = 0.6) -> str | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import fields
+from datetime import UTC, datetime
 
 from app.console import DECISIONS, WARNING, Terminal
 from campaigns.campaign import CampaignFolder
@@ -19,7 +20,7 @@ def command(terminal: Terminal, campaign: CampaignFolder) -> None:
     Who measures now, which series exist, what is open, what is doubtful, the verdict, and the next
     command. Nothing is changed, no device is asked, and a running measurement is not disturbed.
     """
-    status = folder_status(campaign)
+    status = folder_status(campaign, datetime.now(UTC))
     for text, style in _lines(status):
         terminal.say(text, style)
     answer = {field.name: getattr(status, field.name) for field in fields(status)}
@@ -31,7 +32,8 @@ def _lines(status: CampaignStatus) -> Iterator[tuple[str, str]]:
     yield f"{status.name} ({status.robot}): {status.phase}", "bold"
     if status.measuring is not None:
         yield f"now: {status.measuring.says}", WARNING
-    yield from ((f"  series {s.series}, {s.says}", "") for s in status.series[-LATEST_SERIES:])
+    series = (f"series {s.series}, {s.says}" for s in status.series[-LATEST_SERIES:])
+    yield from ((f"  {text}", "") for text in series if text not in status.open)
     yield from ((f"  {file.says}", "") for file in status.observations)
     yield from ((f"open: {text}", WARNING) for text in status.open)
     yield from ((f"doubtful: {text}", WARNING) for text in status.doubtful)

@@ -1,8 +1,7 @@
 """Live state of a campaign: its status and last journal records, as plain data for the page."""
 
 from collections.abc import Sequence
-from datetime import UTC, datetime, timedelta
-from itertools import pairwise
+from datetime import UTC, datetime
 from pathlib import Path
 
 from campaigns.campaign import open_folder
@@ -10,13 +9,10 @@ from campaigns.errors import CampaignError
 from campaigns.files.lock import lock_holder
 from campaigns.journal import records
 from campaigns.journal.views import Entry
-from campaigns.measuring.run_state import LATEST_SHOTS, time_left_s
 from campaigns.workflow.status import folder_status
 from drivers.texts import printable
 
 EVENTS_SHOWN = 8
-LONGEST_PAUSE_S = 600.0
-"""Longest time between two shots that counts for the pace; a longer one was a break."""
 Entries = Sequence[Entry[records.Record]]
 NOT_MEASURED = {"colour": "grey", "state": "nothing was measured yet", "detail": ""}
 MEASURING = {"colour": "green", "state": "measuring", "detail": ""}
@@ -43,7 +39,8 @@ def live_state(folder: Path) -> dict[str, object]:
 
 def _state(folder: Path) -> dict[str, object]:
     campaign = open_folder(folder)
-    status, is_held = folder_status(campaign), lock_holder(folder) is not None
+    status = folder_status(campaign, datetime.now(UTC))
+    is_held = lock_holder(folder) is not None
     entries: Entries = ()
     if campaign.journal_path.exists():
         with campaign.journal_reader() as journal:
@@ -56,7 +53,6 @@ def _state(folder: Path) -> dict[str, object]:
     shots = [entry for entry in of_series if isinstance(entry.record, records.Outcome)]
     if activity == FINISHED and status.next:
         activity = FINISHED | {"state": f"finished: {status.next.text}"}
-    remaining = latest.planned - latest.shots if latest and latest.planned is not None else None
     last = shots[-1].record if shots else None
     intents = [entry.record for entry in of_series if isinstance(entry.record, records.Intent)]
     return {
@@ -65,7 +61,7 @@ def _state(folder: Path) -> dict[str, object]:
         "stage": latest.stage if latest else "",
         "done": latest.shots if latest else 0,
         "total": latest.planned if latest else None,
-        "ends_utc": _ends(shots, remaining) if activity == MEASURING else None,
+        "ends_utc": latest.ends_utc if latest and activity == MEASURING else None,
         "reflector": intents[-1].reflector if intents else "",
         "residual_mm": last.residual_mm if isinstance(last, records.Outcome) else None,
         "campaign": status.phase,
@@ -102,18 +98,6 @@ def _activity(entries: Entries, *, is_held: bool) -> dict[str, str]:
             case _:
                 pass
     return MEASURING if is_held else GONE
-
-
-def _ends(shots: Entries, remaining: int | None) -> list[str] | None:
-    """Return the earliest and the latest end by the pace of the last shots; None if unknown."""
-    at = [datetime.fromisoformat(shot.at_utc) for shot in shots[-LATEST_SHOTS:]]
-    gaps_s = [(after - before).total_seconds() for before, after in pairwise(at)]
-    paces_s = [gap_s for gap_s in gaps_s if gap_s < LONGEST_PAUSE_S]
-    interval_s = time_left_s(paces_s, remaining) if remaining else None
-    if interval_s is None:
-        return None
-    now = datetime.now(UTC)
-    return [(now + timedelta(seconds=s)).isoformat(timespec="seconds") for s in interval_s]
 
 
 def _events(entries: Entries) -> list[dict[str, str]]:

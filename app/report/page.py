@@ -19,12 +19,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from app.report import record, results, tables
-from campaigns.campaign import moment
 from campaigns.evaluation.verdict import RULE
 from campaigns.evidence import Evaluation
 from campaigns.next_step import next_step, state_of
 from campaigns.version import VERSION
-from drivers.texts import printable
+from drivers.texts import moment, printable
 
 PACKAGE = "app.report"
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from app.report import figures, tables
 from app.report.section import Section
-from campaigns.campaign import moment
 from campaigns.evaluation.time_series import TimeSeries, time_series, worst_std_mm
 from campaigns.evaluation.verdict import Check
 from campaigns.evidence import (
@@ -34,6 +33,7 @@ from campaigns.settings.instrument import StatedInstrument
 from campaigns.settings.sections import CertificateConfig
 from campaigns.shots.import_export import imported_files
 from campaigns.shots.shots import Shots
+from drivers.texts import moment
 from drivers.values import Identity
 
 

@@ -24,6 +24,7 @@ from filelock import lock_descriptor
 from campaigns.errors import CampaignLocked, WriteFailed
 from drivers.bounded_files import FileRefused, open_file
 from drivers.system import open_unfollowed, require_record_locks
+from drivers.texts import moment
 
 LOCK_FILE = "campaign.lock"
 HOLDER_BYTES = 10_000
@@ -49,7 +50,7 @@ class Holder:
     @property
     def says(self) -> str:
         """Process, computer and time, in words."""
-        return f"process {self.pid} on {self.host}, since {self.since_utc}"
+        return f"process {self.pid} on {self.host}, since {moment(self.since_utc)}"
 
 
 @contextmanager

@@ -80,7 +80,8 @@ class SeriesStarted:
     elsewhere for a validation, or of the shots of a check; "" where they were read from the
     controller. `model`: parameters that the shots were planned to determine, as the word of
     `--model`; "" in older files. `lacks`: optional parameters that the controller's kinematics does
-    not have; None in older files.
+    not have; None in older files. `planned`: number of shots to measure; None of an import and in
+    older files.
     """
 
     stage: Stage
@@ -94,6 +95,7 @@ class SeriesStarted:
     declared: str = ""
     model: str = ""
     lacks: tuple[str, ...] | None = None
+    planned: int | None = None
 
     @property
     def imported(self) -> bool:

@@ -153,6 +153,7 @@ def _describe_start(
         tracker,
         cell.tracker.weather(),
         lacks=tuple(cell.robot.lacks(work.robot.kinematics.mechanism.parameters.optional)),
+        planned=len(work.steps),
     )
 
 

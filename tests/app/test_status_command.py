@@ -3,13 +3,16 @@
 import json
 import os
 
-from paper_campaign import new_campaign
+import pytest
+from paper_campaign import MECHANISM, new_campaign
 
 from campaigns.campaign import now_utc
 from campaigns.evidence import evaluate
 from campaigns.files.lock import LOCK_FILE, campaign_lock
 from campaigns.next_step import next_step, state_of
+from campaigns.planning.plan_file import write_plan
 from campaigns.shots.shot_sets import ShotSet
+from drivers.texts import moment
 
 
 def status(pkmcal, folder, *words):
@@ -56,3 +59,35 @@ def test_the_present_folder_is_the_campaign_unless_another_is_named(pkmcal, tmp_
     monkeypatch.chdir(paper.folder)
     code, out, _ = pkmcal("status", "--json")
     assert (code, json.loads(out)["name"]) == (0, paper.campaign.config.name)
+
+
+def test_a_validation_under_way_is_said_to_be_so_with_shots_and_end(pkmcal, tmp_path):
+    """Neither validated, nor without a number of shots: it is measured now."""
+    paper = new_campaign(tmp_path / "c")
+    write_plan(paper.campaign.plan_path, paper.plan(3, 0), MECHANISM)
+    paper.measure("before", paper.plan(3, 0), finished=False, stopped=False, planned=20)
+    with campaign_lock(paper.folder, now_utc=now_utc):
+        answer = status(pkmcal, paper.folder)
+        _, out, _ = pkmcal("status", paper.folder)
+    assert answer["phase"].startswith("validating before calibration, 8 of 20 shots, ends ")
+    assert (answer["series"][-1]["planned"], len(answer["series"][-1]["ends_utc"])) == (20, 2)
+    assert out.count("series 1, before: 8 of 20 shots, not finished") == 1
+    assert moment(answer["measuring"]["since_utc"]) in out, "times are local"
+    # nothing works on it any more: the validation is still to be ended
+    answer = status(pkmcal, paper.folder)
+    assert answer["phase"] == "planned"
+    assert answer["next"].endswith("--stage before")
+
+
+@pytest.mark.slow
+def test_a_validation_after_that_broke_off_shows_nothing_yet(pkmcal, tmp_path):
+    paper = new_campaign(tmp_path / "c")
+    paper.run()
+    paper.identify()
+    paper.export_and_load()
+    held = status(pkmcal, paper.folder)["phase"]
+    assert held == "calibrated, not validated"
+    paper.measure("after", paper.plan(3, 0), finished=False, planned=20)
+    assert status(pkmcal, paper.folder)["phase"] == held
+    paper.measure("after", paper.plan(3, 0))
+    assert status(pkmcal, paper.folder)["phase"] == "validated after calibration"

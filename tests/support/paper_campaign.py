@@ -111,7 +111,15 @@ class PaperCampaign:
         shots = [s for s in validation_shots(np.random.default_rng(6)) if s.purpose in only]
         self.measure(stage, tuple(shots))
 
-    def measure(self, stage: str, shots, *, finished: bool = True, stopped: bool = True) -> int:
+    def measure(
+        self,
+        stage: str,
+        shots,
+        *,
+        finished: bool = True,
+        stopped: bool = True,
+        planned: int | None = None,
+    ) -> int:
         """Write a series as the engine does; gives its number."""
         air = Weather(20.0, 1013.2, 45.0)
         digest = self.robot_digest()
@@ -119,7 +127,7 @@ class PaperCampaign:
             plan = plan_digest(shots, MECHANISM)
             config = self.campaign.config.model_dump(mode="json") if self.records_settings else {}
             started = records.SeriesStarted(
-                stage, plan, config, "0.1.0", digest, CONTROLLER, TRACKER, air
+                stage, plan, config, "0.1.0", digest, CONTROLLER, TRACKER, air, planned=planned
             )
             series = journal.start_series(started)
             journal.append(records.SessionStarted("0.1.0", CONTROLLER, TRACKER, air), series=series)

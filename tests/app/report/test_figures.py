@@ -10,11 +10,11 @@ from app.report.drawing import new_figure, save, svg_text
 from app.report.figures import error_arrows, magnification, pair_errors
 from app.report.plots import plot_plan
 from app.report.tables import PairGroup
-from campaigns.campaign import moment
 from campaigns.errors import WriteFailed
 from campaigns.evaluation.model_errors import PositionErrors
 from campaigns.files.table import number
 from campaigns.planning.forecast import Forecast
+from drivers.texts import moment
 
 BEFORE_MM, AFTER_MM = np.array([1.0, -2.0, 3.0]), np.array([0.1, 0.0, -0.2])
 GROUP = PairGroup("fitted pairs", "o", {"before": BEFORE_MM, "after": AFTER_MM}, (4, 5, 6))
