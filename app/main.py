@@ -40,8 +40,12 @@ from drivers.texts import printable, quoted, shortened
 
 HELP = """Calibrates parallel robots with a laser tracker.
 
-A campaign is a folder; each command names the next one. Try it without hardware: pkmcal dry-run
+A campaign is a folder; each command names the next one.
+Try it without hardware: pkmcal dry-run
 """
+
+MORE_HELP = """All commands: pkmcal --help     A command: pkmcal COMMAND --help
+Pages:        pkmcal help"""
 
 EXIT_CODES = """Exit codes: 0 done and good; 1 done, but the result is not good; 2 bad input or
 usage; 3 a device failed or refused; 4 the journal or another file could not be written;
@@ -78,11 +82,17 @@ COMMANDS = {
         "Check whether the journal is intact, and show its contents.",
     ),
     "trust": ("trust", "Let the program of a mechanism run, once you have read it."),
+    "set": ("set_keys", "Change keys of campaign.yaml; its comments stay."),
+    "help": ("help_pages", "Show a page of the documentation."),
 }
 """Module in `app.cli`, imported when it is named, and first line of its help, by name."""
 FIRST_COMMANDS = 12
 """Of `COMMANDS`; the others are listed after them."""
 
+PAGE = re.compile(r"docs/[a-z]+(?:-[a-z]+)*/([a-z-]+)\.md(#[a-z0-9-]+)?")
+"""Page that an error names by its place in the docs; the command shows it wherever it is."""
+COMPLETES = "_PKMCAL_COMPLETE"
+"""Variable by which a shell asks for completions, without arguments."""
 LONGEST_LINE = 950
 """Characters of an error line: what a file or option says in it is cut in the middle."""
 
@@ -278,7 +288,10 @@ def main() -> None:
 def run_command(arguments: list[str]) -> int:
     """Run one command and return its exit code. Errors become one line on stderr."""
     try:
-        code = app(arguments or ["--help"], prog_name="pkmcal", standalone_mode=False)
+        if not arguments and COMPLETES not in os.environ:
+            typer.echo(overview())
+            return Exit.DONE
+        code = app(arguments, prog_name="pkmcal", standalone_mode=False)
     except Abort:
         code = Exit.INTERRUPTED
     except Exception as error:  # noqa: BLE001 - the last resort: a line rather than a traceback
@@ -296,6 +309,13 @@ def run_command(arguments: list[str]) -> int:
     return code if isinstance(code, int) else Exit.DONE
 
 
+def overview() -> str:
+    """Return the twelve usual commands, and where the others are: it fits on a small terminal."""
+    usual = [*COMMANDS.items()][:FIRST_COMMANDS]
+    rows = (f"  {name:<10}{summary}" for name, (_, summary) in usual)
+    return "\n".join([HELP, "Commands, in the order of a campaign:", *rows, "", MORE_HELP])
+
+
 def _explain_error(error: Exception, arguments: list[str]) -> tuple[str, Exit]:
     """Return the line of an error, problem → remedy, and its exit code."""
     # An option of an older version is unknown or refused here: its own remedy comes first.
@@ -307,7 +327,7 @@ def _explain_error(error: Exception, arguments: list[str]) -> tuple[str, Exit]:
         return _usage_line(error), Exit.BAD_INPUT
     if isinstance(error, ExplainedError):
         text = f"{error}{f' ({error.page})' if error.page else ''}"
-        return text, exit_code(error)
+        return PAGE.sub(r"`pkmcal help \1\2`", text), exit_code(error)
     problem = f"unforeseen {type(error).__name__}: {error}"
     return f"{problem} → report it, with what `pkmcal --debug …` shows", Exit.BUG
 

@@ -25,6 +25,16 @@ Name = Annotated[
         autocompletion=COMPLETED_SCENARIO,
     ),
 ]
+SpeedUp = Annotated[
+    float | None,
+    typer.Option(
+        metavar="FACTOR",
+        min=0.1,
+        max=100_000.0,
+        help="How many times faster than real the cell moves; 1 to practise.",
+        show_default="the scenario's",
+    ),
+]
 Serial = Annotated[
     bool, typer.Option("--serial", help="The controller on a pseudo-terminal instead of TCP.")
 ]
@@ -59,6 +69,7 @@ def command(
     *,
     robot: Robot = None,
     seed: Seed = None,
+    speed_up: SpeedUp = None,
     controller_port: Port = 0,
     tracker_port: Port = 0,
     tracker_driver: Speaks = "emscon",
@@ -75,7 +86,8 @@ def command(
         trust_typed(robot)
         loaded = parse_scenario(cell_text(find_robot(robot).robot, scenario), scenario)
     cell = Cell(loaded, seed=seed)
-    server = CellServer(ScaledClock(loaded.speed_up), cell.faults)  # sockets live by the wall clock
+    factor = loaded.speed_up if speed_up is None else speed_up
+    server = CellServer(ScaledClock(factor), cell.faults)  # sockets live by the wall clock
     with ExitStack() as ending:
         ending.callback(server.stop)  # also where one of its addresses is taken
         tracker = server.serve_tcp(tracker_sessions(cell, tracker_driver), "tracker", tracker_port)
@@ -87,7 +99,7 @@ def command(
             tracker=tracker,
             scenario=loaded.name,
             seed=cell.seed,
-            speed_up=loaded.speed_up,
+            speed_up=factor,
         )
         # signals are awaited before the addresses are printed: a reader may end the server at once
         with awaited_signal() as wait, server:

@@ -14,7 +14,7 @@ below its description, so that a campaign.yaml explains itself.
 import io
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -138,7 +138,7 @@ def _fields_towards(
 ) -> Iterator[tuple[str, Mapping[str, FieldInfo]]]:
     """Yield each key of a place, with the fields of the model in which it should stand."""
     for key in location:
-        fields = _fields(annotation)
+        fields = fields_of(annotation)
         yield str(key), fields
         field, entries = fields.get(str(key)), get_args(annotation)
         if field is not None:
@@ -161,7 +161,7 @@ def _line(tree: CommentedMap, location: Location) -> int:
     return line + 1
 
 
-def _fields(annotation: object) -> Mapping[str, FieldInfo]:
+def fields_of(annotation: object) -> Mapping[str, FieldInfo]:
     """Return a model's fields, also of an optional model; none for any other type."""
     choices = get_args(annotation)
     model = choices[0] if NoneType in choices else annotation
@@ -295,26 +295,42 @@ def _check_schema(document: YamlDocument, wanted: str) -> None:
     )
 
 
-def commented_yaml(schema: str, settings: FileModel) -> str:
-    """Write every key of the settings, each below its description."""
+def commented_yaml(schema: str, settings: FileModel, usual: Collection[str] | None = None) -> str:
+    """Write the keys of the settings, each below its description.
+
+    With `usual` only these keys, such as `plan.shots`, and all that are not at their defaults.
+    """
     tree = CommentedMap(schema=schema)
-    _add(tree, settings, column=0)
+    _add(tree, settings, usual)
     return yaml_text(tree)
 
 
-def _add(tree: CommentedMap, settings: FileModel, column: int) -> None:
+def _add(
+    tree: CommentedMap, settings: FileModel, usual: Collection[str] | None, above: str = ""
+) -> None:
+    column = 2 * above.count(".")
     for name, field in type(settings).model_fields.items():
-        tree[name] = _value(getattr(settings, name), column + 2)
+        key, value = above + name, getattr(settings, name)
+        if usual is not None and not _is_written(key, value, field, usual):
+            continue
+        tree[name] = _value(value, usual, f"{key}.")
         gap = "\n" if column == 0 else ""
         tree.yaml_set_comment_before_after_key(
             name, before=f"{gap}{field.description}", indent=column
         )
 
 
-def _value(value: object, column: int) -> object:
+def _is_written(key: str, value: object, field: FieldInfo, usual: Collection[str]) -> bool:
+    """Return whether a key is usual, or a section with a usual key, or not at its default."""
+    is_usual = any(word == key or word.startswith(f"{key}.") for word in usual)
+    default = field.get_default(call_default_factory=True) if not field.is_required() else ...
+    return is_usual or value != default
+
+
+def _value(value: object, usual: Collection[str] | None, above: str) -> object:
     if isinstance(value, FileModel):
         section = CommentedMap()
-        _add(section, value, column)
+        _add(section, value, usual, above)
         return section
     if isinstance(value, tuple) and any(isinstance(entry, FileModel) for entry in value):
         rows = CommentedSeq(CommentedMap(entry.model_dump(mode="json")) for entry in value)

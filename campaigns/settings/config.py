@@ -1,8 +1,9 @@
 """campaign.yaml (`pkmcal/campaign/1`): what a campaign works with and by which rules.
 
 A campaign's folder holds this file, the nominal robot, and later the journal. The file is written
-once, by `pkmcal new`, with every key and its description, and afterwards belongs to its users, who
-edit it by hand. Each command reads it again, so a changed limit counts from the next command on.
+once, by `pkmcal new`, with the keys that people change and their descriptions, and afterwards
+belongs to its users, who edit it by hand or by `pkmcal set`. Each command reads it again, so a
+changed limit counts from the next command on.
 
 The keys are the fields of pydantic models: `CampaignConfig` here, its sections in `sections.py`
 and `space.py`. A field's limits refuse a wrong number, its description is both the comment in the
@@ -13,6 +14,7 @@ a property for it.
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -22,6 +24,7 @@ from campaigns.errors import ConfigInvalid
 from campaigns.files import yaml_file
 from campaigns.files.text_file import make_folder, read_text, refuse_existing, write_new_text
 from campaigns.files.wording import shown
+from campaigns.files.yaml_edit import with_key
 from campaigns.robots.robot import RobotDocument
 from campaigns.settings import sections
 from campaigns.settings.space import SpaceConfig
@@ -30,6 +33,24 @@ from drivers.texts import nearest_word
 
 SCHEMA = "pkmcal/campaign/1"
 FILE_NAME = "campaign.yaml"
+VALUE = "value"
+USUAL = (
+    *("name", "identity", "robot"),
+    *("controller.driver", "controller.url", "controller.serial", "controller.speed_percent"),
+    *("tracker.driver", "tracker.url", "tracker.serial", "tracker.reflector"),
+    *("tracker.measuring_time_s", "tracker.place_mm"),
+    *("tracker.uncertainty.along_um", "tracker.uncertainty.along_um_per_m"),
+    *("tracker.uncertainty.across_um", "tracker.uncertainty.across_um_per_m"),
+    *("objects", "plan.shots", "plan.validation_pairs", "plan.placement"),
+    *("acceptance.distance_mean_mm", "acceptance.distance_max_mm", "acceptance.rotation_mm"),
+    *("acceptance.straightness_mm", "people.operator", "people.site"),
+    *("certificate.number", "certificate.customer"),
+)
+"""Keys that people change, which a new file shows; the others stand on the page of keys."""
+FURTHER_KEYS = (
+    "# All keys, also those that are not here: pkmcal help files#campaignyaml\n"
+    "# To change one: pkmcal set DIR KEY=VALUE\n"
+)
 MOST_NAMED = 5
 """Largest number of campaigns that an error names."""
 
@@ -197,4 +218,33 @@ def write_new_campaign(directory: Path, config: CampaignConfig, robot: RobotDocu
     for file, text in robot.files_in(directory, config.robot).items():
         if not (is_file(file) and read_text(file, ConfigInvalid, if_missing="start again") == text):
             write_new_text(file, text)
-    write_new_text(path, yaml_file.commented_yaml(SCHEMA, config))
+    write_new_text(path, new_settings_text(config))
+
+
+def new_settings_text(config: CampaignConfig) -> str:
+    """Return the text of a new campaign.yaml: the usual keys, and all that are not at default."""
+    return f"{FURTHER_KEYS}{yaml_file.commented_yaml(SCHEMA, config, USUAL)}"
+
+
+@dataclass(frozen=True, slots=True)
+class ChangedSettings:
+    """Text of campaign.yaml after a change, and the changed keys with their new values."""
+
+    text: str
+    values: Mapping[str, object]
+
+
+def changed_settings(directory: Path, changes: Mapping[str, str]) -> ChangedSettings:
+    """Return a campaign's settings with changed keys; all other lines stay as they are.
+
+    `changes` holds values as they are typed, by keys such as `plan.shots`. Raise `ConfigInvalid`
+    for settings that cannot be read, an unknown key or a wrong value.
+    """
+    read_campaign(directory)  # what is wrong already is no fault of the change
+    document = yaml_file.read_document(directory / FILE_NAME, if_missing="name a campaign's folder")
+    values = {}
+    for key, typed in changes.items():
+        values[key] = yaml_file.parse_document(f"{VALUE}: {typed}\n", key).tree[VALUE]
+        document = with_key(document, CampaignConfig, key.split("."), values[key])
+    yaml_file.checked(document, SCHEMA, CampaignConfig)
+    return ChangedSettings(document.text, values)

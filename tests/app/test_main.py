@@ -24,10 +24,18 @@ HEAVY = {
 }
 
 
-def test_without_arguments_it_helps(pkmcal):
+def test_without_arguments_it_shows_the_usual_commands_on_a_small_terminal(pkmcal):
     code, out, err = pkmcal()
+    lines = out.splitlines()
     assert (code, err) == (0, "")
-    assert out == pkmcal("--help")[1]
+    assert len(lines) <= 22, "24 lines with the prompts"
+    assert max(map(len, lines)) <= 80
+    listed = [line.split()[0] for line in lines if line.startswith("  ")]
+    assert listed == [*COMMANDS][: main.FIRST_COMMANDS]
+
+
+def test_help_lists_all_commands(pkmcal):
+    _, out, _ = pkmcal("--help")
     usual, _, others = out.partition("More commands:")
     listed = [line.split()[0] for line in (usual + others).splitlines() if line[2:3].islower()]
     assert [name for name in listed if name in COMMANDS] == [*COMMANDS]

@@ -13,6 +13,7 @@ from campaigns.campaign import open_campaign
 from campaigns.errors import OptionsInvalid, PlanInvalid
 from campaigns.options import PlanOptions
 from campaigns.planning.plan_check import REFLECTOR_MOVE_S
+from campaigns.settings.config import changed_settings
 from campaigns.shots.observations_csv import read_observations
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.planning import plan, plan_without_shots
@@ -23,12 +24,8 @@ HALF = "{name: half 2, body: half 2, place_mm: [0, 0, 0], std_mm: 5}"
 
 
 def with_objects(folder, *objects, **changed):
-    path = folder / "campaign.yaml"
-    text = path.read_text()
-    for key, value in {"objects: []": f"objects: [{', '.join(objects)}]", **changed}.items():
-        assert key in text
-        text = text.replace(key, value)
-    path.write_text(text)
+    keys = {"objects": f"[{', '.join(objects)}]"} | changed
+    (folder / "campaign.yaml").write_text(changed_settings(folder, keys).text)
     return open_campaign(folder)
 
 
@@ -44,7 +41,7 @@ def printer_folder(tmp_path):
 
 
 def printer_campaign(folder):
-    return with_objects(folder, BED, PART, **{"\n  radius_mm:\n": "\n  radius_mm: 100.0\n"})
+    return with_objects(folder, BED, PART, **{"space.radius_mm": "100.0"})
 
 
 @pytest.fixture

@@ -157,7 +157,7 @@ def test_an_error_about_a_file_ends_with_the_page_that_explains_it(tmp_path, cap
     with (folder / "cell.yaml").open("a", encoding="utf-8") as text:
         text.write("unheard_of: 1\n")
     assert run_command(["devices", str(folder)]) == 2
-    assert capsys.readouterr().err.rstrip().endswith("(docs/reference/files.md#cellyaml)")
+    assert capsys.readouterr().err.rstrip().endswith("(`pkmcal help files#cellyaml`)")
 
 
 def headings_of(page) -> set[str]:

@@ -19,7 +19,9 @@ def cell_file(planned_once):
 @pytest.fixture
 def served(cell_file, request):
     """A served cell and its addresses."""
-    process = started("sim", cell_file, "--seed", 5, *getattr(request, "param", ()))
+    process = started(
+        "sim", cell_file, "--seed", 5, "--speed-up", 20_000, *getattr(request, "param", ())
+    )
     try:
         yield process, json.loads(process.stdout.readline())
     finally:
@@ -38,6 +40,7 @@ def made_for(addresses, folder, pkmcal):
 def test_a_campaign_on_a_served_cell(served, pkmcal, cell_file, tmp_path):
     process, addresses = served
     assert (addresses["scenario"], addresses["seed"]) == ("paper-simulation", 5)
+    assert addresses["speed_up"] == 20_000
     for device in ("controller", "tracker"):
         assert addresses[device].startswith("tcp://127.0.0.1:")
     port = addresses["tracker"].rpartition(":")[2]
