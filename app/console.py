@@ -228,8 +228,8 @@ class Terminal:
             task = bars.add_task(printable(text), total=None)
             yield lambda news: bars.update(task, description=printable(news))
 
-    def watching(self, title: str, *, plain: bool = False) -> RunLines:
-        """Return the display of a run; with `plain` it prints lines."""
+    def watching(self, title: str, *, plain: bool = False, shot_by_shot: bool = False) -> RunLines:
+        """Return the display of a run; with `plain` it prints lines, one a shot if wanted."""
         if self._talk.is_interactive and not plain and not self.is_verbose:
             return RunScreen(self._talk, title)
-        return RunLines(self._talk, title, verbose=self.is_verbose)
+        return RunLines(self._talk, title, verbose=self.is_verbose, shot_by_shot=shot_by_shot)

@@ -43,6 +43,7 @@ from campaigns.planning.plan_check import CheckedPlan
 from campaigns.workflow import validation
 from campaigns.workflow.observation_run import fill_in, observation_work, planned_observations
 from campaigns.workflow.running import RunPreview, measured_before, run_preview, run_work
+from drivers.by_hand import BACK
 from drivers.errors import Cancelled, DriverError, ExplainedError, WrongDevice
 from drivers.ports import Prompt
 
@@ -189,11 +190,12 @@ def _measure_once(
 ) -> Result:
     """Connect, measure what the series lacks, and finish the job."""
     campaign, wishes = job.campaign, Wishes(stop)
-    with terminal.watching(job.title, plain=plain or campaign.is_by_hand) as display:
-        prompt = terminal.prompt(display, stop)
+    by_hand = campaign.is_by_hand
+    with terminal.watching(job.title, plain=plain or by_hand, shot_by_shot=by_hand) as display:
+        prompt = _with_step_back(terminal.prompt(display, stop), wishes)
         with (
             _keys(display, stop, wishes),
-            connected_cell(campaign, stop, terminal.alarm, prompt) as cell,
+            connected_cell(campaign, stop, terminal.alarm, prompt, display.announce) as cell,
         ):
             devices = identities(cell)
             for name, identity in zip(("controller", "tracker"), devices, strict=True):
@@ -203,6 +205,20 @@ def _measure_once(
             if prompt is not None:
                 cell = _with_operator(cell, prompt, waits_for_beam=not clearance.is_given)
             return job.measure(cell, display, wishes, anew=anew)
+
+
+def _with_step_back(prompt: Prompt | None, wishes: Wishes) -> Prompt | None:
+    """Return a prompt whose answer `u` also asks for the last shot again; None without one."""
+    if prompt is None:
+        return None
+
+    def ask(question: str) -> str:
+        typed = prompt(question)
+        if typed.strip() == BACK:
+            wishes.ask(Wish.BACK)
+        return typed
+
+    return ask
 
 
 def _with_operator(cell: Cell, prompt: Prompt, *, waits_for_beam: bool) -> Cell:

@@ -56,13 +56,20 @@ STATES_WITHOUT_SHOT = {EngineState.IDLE, EngineState.STOPPED, EngineState.FINISH
 
 
 class RunLines(RunObserver):
-    """Run as lines: each tenth of the shots, events, the end; with `verbose` each state."""
+    """Run as lines: each tenth of the shots, events, the end; with `verbose` each state.
+
+    With `shot_by_shot` each shot that counts has a line, for people who take them by hand.
+    """
 
     has_screen = False
 
-    def __init__(self, console: Console, title: str, *, verbose: bool = False) -> None:
+    def __init__(
+        self, console: Console, title: str, *, verbose: bool = False, shot_by_shot: bool = False
+    ) -> None:
         self._console, self._title, self._verbose = console, title, verbose
+        self._shot_by_shot = shot_by_shot
         self._progress: Progress | None = None
+        self._residuals_mm: deque[float] = deque(maxlen=USUAL_RESIDUALS)
 
     def __enter__(self) -> Self:
         return self
@@ -88,7 +95,10 @@ class RunLines(RunObserver):
 
     def progress(self, progress: Progress) -> None:
         """Print the state if another tenth is done, or if there is new advice for the operator."""
-        before, self._progress = self._progress or progress, progress
+        before = self._take(progress)
+        if self._shot_by_shot and progress.done > before.done:
+            say(self._console, shot_line(progress, [*self._residuals_mm]), GOOD)
+            return
         is_due = is_next_tenth(before.done, progress.done, progress.total)
         is_advice = bool(progress.beam_advice) and progress.beam_advice != before.beam_advice
         if self._verbose or is_due or is_advice:
@@ -98,6 +108,17 @@ class RunLines(RunObserver):
         """Print a sentence about what happened."""
         say(self._console, f"! {text}", "yellow")
 
+    def announce(self, text: str) -> None:
+        """Say what the operator has to do now."""
+        say(self._console, text, OPEN)
+
+    def _take(self, progress: Progress) -> Progress:
+        """Keep the latest state and its residual; return the state before."""
+        before, self._progress = self._progress or progress, progress
+        if progress.done > before.done and progress.residual_mm is not None:
+            self._residuals_mm.append(progress.residual_mm)
+        return before
+
 
 class RunScreen(RunLines):
     """Run on a screen of its own; events are printed as lines when the screen is left."""
@@ -106,7 +127,6 @@ class RunScreen(RunLines):
 
     def __init__(self, console: Console, title: str) -> None:
         super().__init__(console, title)
-        self._residuals_mm: deque[float] = deque(maxlen=USUAL_RESIDUALS)
         self._events: list[str] = []
         self._answer = ""
         self._live = Live(
@@ -143,9 +163,13 @@ class RunScreen(RunLines):
 
     @override
     def progress(self, progress: Progress) -> None:
-        before, self._progress = self._progress or progress, progress
-        if progress.done > before.done and progress.residual_mm is not None:
-            self._residuals_mm.append(progress.residual_mm)
+        before = self._take(progress)
+        if progress.done > before.done:
+            self._answer = ""  # what was announced for the shot before is done
+
+    @override
+    def announce(self, text: str) -> None:
+        self._answer = text
 
     @override
     def event(self, text: str) -> None:
@@ -210,6 +234,15 @@ def line_of(progress: Progress) -> str:
     return " · ".join(parts)
 
 
+def shot_line(progress: Progress, residuals_mm: list[float]) -> str:
+    """Return the line of a shot that counts: `shot 3: residual 0.040 mm, good · 3 of 55`."""
+    judged = "accepted"
+    if progress.residual_mm is not None:
+        words = _judge_last(residuals_mm) or "accepted"
+        judged = f"residual {progress.residual_mm:.3f} mm, {words}"
+    return f"{progress.counted} {progress.shot}: {judged} · {progress.done} of {progress.total}"
+
+
 def summary(progress: Progress) -> str:
     """Return shots done and last figures of a run that is over."""
     shots = f"{progress.done} of {progress.total} {progress.counted}s"
@@ -246,7 +279,8 @@ def figure_lines(progress: Progress, residuals_mm: list[float]) -> Iterator[str]
     """Yield the screen's lines of figures: last residual, judged, with drift; uncertainty; goal."""
     parts = _residual_and_drift(progress)
     if progress.residual_mm is not None:
-        parts[0] = f"last {parts[0]}{_judge_last(residuals_mm)}"
+        judged = _judge_last(residuals_mm)
+        parts[0] = f"last {parts[0]}{judged and f': {judged}'}"
     if parts:
         yield " · ".join(parts)
     if progress.uncertainty is not None:
@@ -292,5 +326,5 @@ def _judge_last(residuals_mm: list[float]) -> str:
         return ""
     usual_mm = median(before)
     if last <= LARGE_TIMES_USUAL * usual_mm:
-        return ": good"
-    return f": large, {usual_mm:.3f} mm is usual"
+        return "good"
+    return f"large, {usual_mm:.3f} mm is usual"

@@ -39,7 +39,7 @@ from campaigns.shots import point_files
 from campaigns.shots.point_layout import PointFormat
 from drivers import bounded_files, errors
 from drivers.by_hand import HandSettings, InstrumentByHand
-from drivers.catalog import CONTROLLERS, FILE, TRACKERS
+from drivers.catalog import CONTROLLERS, TRACKERS
 from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.link import never
 from drivers.polling import WakefulClock
@@ -87,6 +87,7 @@ def connected_cell(
     stop_requested: StopRequested = never,
     alarm: Alarm = unheard,
     prompt: Prompt | None = None,
+    announce: Alarm = unheard,
 ) -> Iterator[Devices]:
     """Connect controller and tracker for the time of a `with` block.
 
@@ -95,6 +96,7 @@ def connected_cell(
         stop_requested: Returns True when all waits shall end.
         alarm: Receives what the operator has to read at once.
         prompt: Asks the operator, for devices that are worked by hand.
+        announce: Receives what the operator of such a device has to do now.
 
     Returns:
         The cell: `robot`, `tracker` and clocks, for the steps in `workflow`.
@@ -107,7 +109,7 @@ def connected_cell(
         ...     prepare(campaign, cell)
         ...     workflow.run(campaign, cell)
     """
-    ways = connections(campaign, stop_requested, alarm, prompt=prompt)
+    ways = connections(campaign, stop_requested, alarm, prompt, announce)
     with ways as to, to.robot() as robot, to.tracker() as tracker:
         # the robot settles in the controller's time, the operator waits in the wall clock's
         clocks = to.interruptible(to.controller.clock), SystemClock()
@@ -162,6 +164,7 @@ class DeviceConnections:
     alarm: Alarm
     prompt: Prompt | None
     """Asks the operator, for devices that he works by hand; None without a terminal."""
+    announce: Alarm
     controller: DevicePlace
     tracker_place: DevicePlace
     followed: SimulatedController | None = None
@@ -216,6 +219,7 @@ class DeviceConnections:
                 first_number=place.first_number,
                 settings=_tracker_settings(self.campaign),
                 prompt=self.prompt,
+                announce=self.announce,
                 in_process=place.in_process,
             )
         )
@@ -246,13 +250,14 @@ def connections(
     stop_requested: StopRequested = never,
     alarm: Alarm = unheard,
     prompt: Prompt | None = None,
+    announce: Alarm = unheard,
 ) -> Iterator[DeviceConnections]:
     """Yield the ways to each device; a simulated cell lives for the time of the block.
 
     Raise `ConfigInvalid` for two different simulated cells.
     """
     campaign.require_devices()
-    connections_at = partial(DeviceConnections, campaign, stop_requested, alarm, prompt)
+    connections_at = partial(DeviceConnections, campaign, stop_requested, alarm, prompt, announce)
     controller_url, tracker_url = campaign.config.controller.url, campaign.config.tracker.url
     cell_urls = {url for url in (controller_url, tracker_url) if url.startswith(SIMULATED)}
     if not cell_urls:
@@ -511,9 +516,9 @@ def _raw_readers(campaign: Campaign) -> RawReaders:
 def _tracker_settings(campaign: Campaign) -> WatchSettings | str:
     """Return settings for the tracker's driver: a file that is watched, or a serial number."""
     tracker = campaign.config.tracker
-    if not tracker.url.startswith(FILE):
+    path, watch = campaign.watched_file, tracker.watch
+    if path is None:
         return tracker.serial or BY_HAND
-    path, watch = campaign.folder / tracker.url.removeprefix(FILE), tracker.watch
     form = PointFormat(
         unit=watch.unit,
         columns=watch.columns.split(",") if watch.columns else None,

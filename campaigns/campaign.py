@@ -44,6 +44,7 @@ from campaigns.robots.robot import RobotDocument, RobotFile, pose_of, read_robot
 from campaigns.settings.config import CampaignConfig, read_campaign
 from campaigns.settings.instrument import StatedInstrument
 from campaigns.settings.sections import BY_HAND, OFFLINE, SIMULATED
+from drivers.catalog import FILE
 from drivers.system import HAS_POSIX
 from drivers.values import vector
 
@@ -58,6 +59,10 @@ FULL_JOINT_SPEED_RAD_S = float(np.radians(180.0))
 def now_utc() -> str:
     """Return the present time in UTC, ISO 8601 with milliseconds, for records."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+HAND_S = 30.0
+"""Time for a shot that somebody takes by hand, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +99,12 @@ class CampaignFolder:
     def is_by_hand(self) -> bool:
         """Whether a person works a device by hand, and is asked at each shot."""
         return BY_HAND in (self.config.controller.url, self.config.tracker.url)
+
+    @property
+    def watched_file(self) -> Path | None:
+        """Path of the file into which the tracker's software writes; None for other trackers."""
+        url = self.config.tracker.url
+        return (self.folder / url.removeprefix(FILE)).absolute() if url.startswith(FILE) else None
 
     @property
     def is_offline(self) -> bool:
@@ -157,7 +168,10 @@ class CampaignFolder:
         """Speed and times by which the duration of a plan is estimated."""
         config = self.config
         speed = FULL_JOINT_SPEED_RAD_S * config.controller.speed_percent / 100.0
-        return Pace(speed, config.settle.time_s, config.tracker.measuring_time_s)
+        measure_s = config.tracker.measuring_time_s
+        if self.is_by_hand or self.watched_file is not None:
+            measure_s = max(measure_s, HAND_S)
+        return Pace(speed, config.settle.time_s, measure_s)
 
     @contextmanager
     def held(self) -> Iterator[None]:

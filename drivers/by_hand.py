@@ -29,7 +29,10 @@ from drivers.wire.typed_numbers import typed_numbers
 
 NO_POINT = "-"
 BACK = "u"
-QUESTION = f"measure the reflector and type or paste its point: x y z, mm ({NO_POINT} for none) "
+AGAIN = f"{BACK}: the last shot again"
+QUESTION = (
+    f"measure the reflector and type or paste its point: x y z, mm ({NO_POINT}: none, {AGAIN}) "
+)
 
 Read = TypeVar("Read")
 
@@ -170,12 +173,14 @@ class RobotByHand(RobotController):
 
         def read(text: str) -> tuple[tuple[float, ...], str]:
             raw = text.strip() or shown  # Enter confirms the numbers as they were shown
+            if raw == BACK:  # the run has taken the wish: a motion is not broken off
+                raise WireError("the last shot is measured again", remedy="move here first")
             joints = self._read(raw)
             self._require_in_place(joints, target)
             return joints, raw
 
         self._joints, self._raw = _answer(
-            prompt, f"{question}\nwhat does it show? [Enter: the same] ", read
+            prompt, f"{question}\nwhat does it show? [Enter: the same, {AGAIN}] ", read
         )
 
     def _read(self, text: str) -> tuple[float, ...]:
@@ -240,6 +245,8 @@ class TrackerByHand(LaserTracker):
     def _read(self, text: str) -> tuple[values.Vector3, str]:
         if text.strip() == NO_POINT:
             raise NotAMeasurement("no point was given", remedy="measure it again")
+        if text.strip() == BACK:
+            raise NotAMeasurement("the last shot is measured again first", remedy="go back to it")
         point_mm, _ = recorded_measurement(text)
         # A tracker hardly measures the same point twice to the last digit. A clipboard that still
         # holds the one before is more likely.

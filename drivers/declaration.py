@@ -42,6 +42,8 @@ class Surroundings:
     """Settings of this driver alone, in a type of its own module; None if it has none."""
     prompt: Prompt | None = None
     """Question to the operator; None without a terminal."""
+    announce: Callable[[str], None] = unheard
+    """Message to the operator on what to do now, to which there is no answer."""
     in_process: bool = False
     """Whether the device is simulated in this process."""
 

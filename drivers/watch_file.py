@@ -82,6 +82,7 @@ class WatchedTracker(LaserTracker):
         self._settings = surroundings.settings_as(WatchSettings)
         self._clock = surroundings.clock
         self._cancelled = surroundings.cancelled
+        self._announce = surroundings.announce
         self._name = f"file {self._settings.path.name}"
         # The row taken or refused last: the same row again is no measurement.
         self._last = ""
@@ -103,6 +104,8 @@ class WatchedTracker(LaserTracker):
     def prepare(self, reflector: str, measuring_time_s: float) -> None:  # noqa: ARG002
         """Read what the file holds; raises `LinkDown` where it cannot be read."""
         self._read_contents()
+        if not self._settings.path.exists():
+            self._announce(f"there is no file {self._settings.path} yet; it may come later")
 
     def measure(self) -> values.Measurement:
         """Wait for a new row; raises `NotAMeasurement` for none in time, for two, for the last one.
@@ -113,6 +116,8 @@ class WatchedTracker(LaserTracker):
         if before.rows:
             self._last = before.rows[-1]
         give_up_s = self._clock.now_s() + self._settings.wait_s
+        minutes = self._settings.wait_s / 60.0
+        self._announce(f"measure now: waiting for a row in {self._settings.path} ({minutes:g} min)")
         while True:
             if self._cancelled():
                 problem = f"{self._name}: the wait for a row was abandoned"
@@ -124,7 +129,7 @@ class WatchedTracker(LaserTracker):
                 half = "; its last line has no line end" if now.partial else ""
                 raise NotAMeasurement(
                     f"{self._name}: no new row for {self._settings.wait_s:g} s{half}",
-                    remedy="measure while pkmcal says that it measures; see that the tracker's "
+                    remedy="measure when pkmcal says 'measure now'; see that the tracker's "
                     "software writes each row to this file at once, with its line end",
                 )
             self._clock.sleep_s(LOOK_S)

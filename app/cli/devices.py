@@ -69,7 +69,7 @@ def command(
     # one device is wrong or the network
     with campaign.held(), connections(campaign) as to:
         controller = _ask(to.robot, partial(facts_of_controller, campaign))
-        tracker = _ask(to.tracker, facts_of_tracker)
+        tracker = _ask(to.tracker, partial(facts_of_tracker, campaign))
     _show(terminal, f"controller at {campaign.config.controller.url}", controller)
     _show(terminal, f"tracker at {campaign.config.tracker.url}", tracker)
     if isinstance(controller, DriverError):
@@ -143,12 +143,13 @@ def facts_of_controller(campaign: Campaign, robot: RobotController) -> Facts:
     }
 
 
-def facts_of_tracker(tracker: LaserTracker) -> Facts:
+def facts_of_tracker(campaign: Campaign, tracker: LaserTracker) -> Facts:
     """Return identity and state of the tracker, its reflectors, and the weather."""
     identity, state, air = tracker.identity(), tracker.state(), tracker.weather()
     return {
         "identity": str(identity),
         "serial": identity.serial,
+        **_file_of(campaign),
         "readiness": state.readiness.value,
         "initialised": state.initialised,
         "laser_warm": state.laser_warm,
@@ -160,6 +161,14 @@ def facts_of_tracker(tracker: LaserTracker) -> Facts:
         "pressure_hPa": air and air.pressure_hPa,
         "humidity_percent": air and air.humidity_percent,
     }
+
+
+def _file_of(campaign: Campaign) -> Facts:
+    """Return the file into which the tracker's software writes, and whether it is there."""
+    path = campaign.watched_file
+    if path is None:
+        return {}
+    return {"file": str(path) if path.exists() else f"{path}, not there yet"}
 
 
 def _text(value: object) -> str:

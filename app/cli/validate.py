@@ -1,6 +1,6 @@
 """pkmcal validate: measure how accurate the robot is as its user commands it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from app.console import WARNING, Terminal
 from app.measuring import ValidationJob, measure
@@ -10,9 +10,12 @@ from app.report.terminal_text import show_validation
 from app.wiring import connected_robot
 from campaigns.campaign import Campaign
 from campaigns.evaluation.validation import BY_DEFAULT
-from campaigns.options import ValidationOptions
+from campaigns.options import ValidationOptions, ValidationTest
 from campaigns.workflow import validation
 
+BY_HAND_TESTS = (ValidationTest("distances"),)
+"""Tests by default where each shot is taken by hand."""
+ONLY_DISTANCES = "by hand only distances are tested; `--only rotation` and others test more"
 NO_LIMITS = (
     "! no limits are specified under acceptance in campaign.yaml: errors will be stated, but no "
     "conformity; limits that are set later are judged at once"
@@ -48,6 +51,8 @@ def command(
     read first: with the nominal parameters --stage after is refused, with any others --stage
     before. Tests measured before calibration are measured again only with consent.
 
+    By hand only distances are tested, unless --only names other tests.
+
     With --by targets nothing is loaded: the controller keeps its nominal parameters, corrected
     poses are commanded, as `pkmcal correct` writes them, and errors are relative to the wanted
     poses.
@@ -58,6 +63,9 @@ def command(
     stated.
     """
     campaign.require_devices()
+    if campaign.is_by_hand and not options.only:
+        options = replace(options, only=BY_HAND_TESTS)
+        terminal.note(ONLY_DISTANCES)
     stage, names = options.stage, tuple(str(name) for name in options.only or BY_DEFAULT)
     if dry:
         terminal.say(f"would measure, as '{stage}': {', '.join(names)}; nothing was moved")

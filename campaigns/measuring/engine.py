@@ -33,6 +33,7 @@ from campaigns.measuring.results import (
     Refused,
     ShotResult,
     Skipped,
+    TakenBack,
     failure_of,
 )
 from campaigns.measuring.resume import ResumeState
@@ -161,6 +162,9 @@ class Engine:
             match self._shots.retry(partial(self._measure_group, group), attempts):
                 case Accepted():
                     self._failed_in_a_row = 0
+                case TakenBack(is_voided=is_voided):
+                    last_groups = () if is_voided else self._void_last()
+                    pending = (*last_groups, group, *pending)
                 case Skipped():
                     self._note_skipped(group, "skipped: by the operator")
                 case (Refused() | Lost()) as failure if is_last_try:
@@ -185,6 +189,8 @@ class Engine:
             if not isinstance(result, Accepted):
                 if accepted_shots:  # the first shot of a pair does not count without its partner
                     self._void(group[0].planned.pair, tuple(accepted_shots), result.reason)
+                    if isinstance(result, TakenBack):
+                        return TakenBack(is_voided=True)
                 return result
             accepted_shots.append(step.planned.shot)
         return result

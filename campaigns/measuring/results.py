@@ -8,6 +8,7 @@ from campaigns.errors import GateRefused
 from campaigns.journal.records import Outcome
 
 SKIPPED = "skipped by the operator"
+TAKEN_BACK = "taken back by the operator"
 
 
 class Loss(Enum):
@@ -34,6 +35,15 @@ class Skipped:
 
 
 @dataclass(frozen=True, slots=True)
+class TakenBack:
+    """The operator wants the last shot again before this one."""
+
+    is_voided: bool = False
+    """Whether the last shot was of the same pair, and is void already."""
+    reason: str = TAKEN_BACK
+
+
+@dataclass(frozen=True, slots=True)
 class Refused:
     """Point too far from the one that the accepted shots predict."""
 
@@ -56,7 +66,7 @@ class Lost:
     attempts: int = 1
 
 
-ShotResult: TypeAlias = Accepted | Skipped | Refused | Lost
+ShotResult: TypeAlias = Accepted | Skipped | TakenBack | Refused | Lost
 
 
 def failure_of(result: Refused | Lost) -> GateRefused:

@@ -188,6 +188,8 @@ class Wish(Enum):
     """Leave out the shot that is being moved to or looked for, and its pair."""
     AGAIN = "again"
     """Void the last shot, or its whole pair, and measure it again."""
+    BACK = "back"
+    """Leave the shot that is asked for now, void the last one, and measure both, that one first."""
     PARK = "park"
     """Go where somebody can reach the reflector after this pair, and wait there."""
 

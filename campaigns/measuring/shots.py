@@ -21,7 +21,17 @@ from campaigns.measuring.beam import Beam
 from campaigns.measuring.motion import Arrival
 from campaigns.measuring.nests import NestPointer
 from campaigns.measuring.reflector_carrier import ReflectorCarrier
-from campaigns.measuring.results import SKIPPED, Accepted, Loss, Lost, Refused, ShotResult, Skipped
+from campaigns.measuring.results import (
+    SKIPPED,
+    TAKEN_BACK,
+    Accepted,
+    Loss,
+    Lost,
+    Refused,
+    ShotResult,
+    Skipped,
+    TakenBack,
+)
 from campaigns.measuring.run_state import EngineState, Wish
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Step
@@ -57,7 +67,7 @@ class Shots:
         while True:
             result = attempt()
             match result:
-                case Accepted() | Skipped():
+                case Accepted() | Skipped() | TakenBack():
                     return result
                 case Lost(loss=Loss.BEAM):
                     breaks += 1
@@ -77,6 +87,8 @@ class Shots:
             self.nests.leave()  # the beam back onto the robot, before the robot moves away with it
         if self._is_skipped_already(step.planned.shot):
             return Skipped()
+        if self._session.wishes.take(Wish.BACK):
+            return TakenBack()
         if not nest:
             self._carrier.bring(step.planned.reflector)
         self._run_state.begin(step)
@@ -119,7 +131,7 @@ class Shots:
         event = Event("drift check", f"shot {outcome.shot}: {text}")
         (self._log.announce if moved_mm > limit_mm else self._log.write)(event)
 
-    def _go(self, step: Step, intent: Intent) -> Arrival | Skipped | Lost:
+    def _go(self, step: Step, intent: Intent) -> Arrival | Skipped | TakenBack | Lost:
         """Move to a step's pose, and settle there."""
         # Only a target that is refused before anything moves is a matter of this one pose. Faults,
         # an emergency stop or a robot that does not settle pass through, and end the run.
@@ -134,6 +146,10 @@ class Shots:
             self._log.write(Rejected(intent.shot, intent.attempt, SKIPPED))
             self._run_state.show_idle()
             return Skipped()
+        if self._session.wishes.take(Wish.BACK):
+            self._log.write(Rejected(intent.shot, intent.attempt, TAKEN_BACK))
+            self._run_state.show_idle()
+            return TakenBack()
         return arrival
 
     def _measure(self, intent: Intent, arrival: Arrival, nest: str) -> Outcome | Skipped | Lost:

@@ -18,7 +18,7 @@ from math import dist
 
 from campaigns.journal.records import Event, EventKind, Outcome
 from campaigns.measuring.reference_poses import FEWEST_POSES, ReferencePose, rigid_body_test
-from campaigns.measuring.results import SKIPPED, Accepted, Lost, Skipped, failure_of
+from campaigns.measuring.results import SKIPPED, Accepted, Lost, Skipped, TakenBack, failure_of
 from campaigns.measuring.shots import Shots
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Step
@@ -70,7 +70,7 @@ def _measure_again(step: Step, before: Outcome, session: Session, shots: Shots) 
     """
     # What the gate refuses by some mm is the very motion that is looked for, and is returned.
     result = shots.retry(partial(shots.take, step))
-    if isinstance(result, Skipped):
+    if isinstance(result, Skipped | TakenBack):
         return None
     if isinstance(result, Lost):
         raise failure_of(result)

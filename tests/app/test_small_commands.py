@@ -233,3 +233,18 @@ def test_a_run_after_which_the_robot_has_changed_ends_with_code_1(pkmcal, tmp_pa
         assert answer.code == code
         assert (f"not good: {changed}" in answer.out) is bool(text)
         assert pkmcal("run", folder, "--json").document["changed"] == text
+
+
+def test_a_cell_by_hand_gets_a_plan_of_an_hour_at_most(pkmcal, tmp_path):
+    folder = tmp_path / "cell-9"
+    assert pkmcal("new", folder, "--controller", "by-hand", "--tracker", "file:p.txt").code == 0
+    plan = open_campaign(folder).config.plan
+    stops = plan.shots + plan.drift_shots + 3 * 2 * plan.validation_pairs
+    assert stops <= 60
+    campaign = open_campaign(folder)
+    assert 20 < campaign.pace.seconds(stops, 0.0) / 60 < 60
+    code, out, err = pkmcal("validate", folder, "--stage", "before", "--dry")
+    assert (code, "'before': distances; nothing" in out) == (0, True)
+    assert "--only rotation" in err
+    code, out, _ = pkmcal("devices", folder)
+    assert (code, f"{folder / 'p.txt'}, not there yet" in out.replace("\n", "")) == (0, True)

@@ -45,13 +45,13 @@ class Operator:
         """What he types; None while nothing is asked."""
         if asked.endswith("[y/N]"):
             return "n" if "Go on" in asked[-60:] else "y"
-        if asked.endswith("[Enter: the same]"):
+        if asked.endswith("[Enter: the same, u: the last shot again]"):
             shown = re.findall(r"= ([-\d. ]+) deg", asked)[-1]
             self.joints_deg = [float(each) for each in shown.split()]
             return ""
         if asked.endswith("display shows: q0 q1 q2 q3, deg"):
             return " ".join(map(str, self.joints_deg or (31.3, 31.3, 21.0, 21.0)))
-        if asked.endswith("(- for none)"):
+        if asked.endswith("(-: none, u: the last shot again)"):
             self.points += 1
             return self.point_of(self.joints_deg)
         return None
@@ -146,7 +146,7 @@ class Software(Operator):
         self.file, self.rows = file, 0
 
     def waits(self):
-        if re.findall(r"\d/\d+ .*?(moving|measuring|idle)", self.said)[-1:] == ["measuring"]:
+        if self.said.count("measure now: waiting for a row in") > self.rows:
             self.rows += 1
             row = self.point(self.joints_deg).replace(",", ".")
             with self.file.open("a") as file:
@@ -159,7 +159,9 @@ def test_campaign_whose_trackers_software_writes_into_a_file(pkmcal, by_hand):
     change(by_hand / "campaign.yaml", {"tracker": watched})
     (by_hand / "points.txt").write_text("p0; 2000.0; 10.0; 20.0\n")
     operator = Software(open_campaign(by_hand), by_hand / "points.txt")
-    assert operator.runs("--verbose", "run", by_hand) == 0, operator.said
+    assert operator.runs("run", by_hand) == 0, operator.said
+    assert f"waiting for a row in {by_hand / 'points.txt'} (10 min)" in operator.said
+    assert re.search(r"shot \d+: residual 0\.\d+ mm, .* · 10 of 10", operator.said)
     with read_journal(by_hand / "campaign.db") as journal:
         assert len(journal.shots(1)) == 10
     assert "the journal is intact" in pkmcal("check-journal", by_hand).out

@@ -76,6 +76,29 @@ def test_the_last_pair_is_voided_and_measured_again(tmp_path: Path) -> None:
     assert notes(journal) == ["measuring shots 1–2 again (operator)"]
 
 
+@pytest.mark.parametrize(
+    ("at", "attempts", "voided"),
+    [
+        # on the way to the second pair: the first one again, then the second
+        (4, [1, 2, 2, 2, 1, 1], [(0, (1, 2))]),
+        # on the way to the second shot of a pair: the last shot is of this very pair
+        (5, [1, 1, 1, 2, 2, 1], [(1, (3,))]),
+        # where nothing counts yet, the shot itself is taken again
+        (1, [2, 1, 1, 1, 1, 1], []),
+    ],
+)
+def test_one_step_back_voids_the_last_shot_and_measures_it_before_the_present_one(
+    tmp_path: Path, at: int, attempts: list[int], voided: list[tuple[int, tuple[int, ...]]]
+) -> None:
+    cell = FakeCell()
+    cell.robot.during_move[at] = lambda: cell.wishes.ask(Wish.BACK)
+    journal = cell.run(tmp_path, work(TWO_PAIRS))
+    records = [entry.record for entry in journal.records_of(PairVoided)]
+    assert [(record.pair, record.shots) for record in records] == voided
+    assert [shot.intent.attempt for shot in journal.shots()] == attempts
+    assert cell.observer.told[-1].done == len(TWO_PAIRS)
+
+
 def test_a_shot_that_is_moved_to_is_skipped_with_its_pair(tmp_path: Path) -> None:
     cell = FakeCell()
     cell.robot.during_move[3] = lambda: cell.wishes.ask(Wish.SKIP)

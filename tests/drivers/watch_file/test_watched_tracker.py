@@ -10,6 +10,7 @@ from campaigns.shots.point_files import data_rows, point_of_row
 from campaigns.shots.point_layout import PointFormat
 from drivers.declaration import Surroundings
 from drivers.errors import Cancelled, ImplausibleAnswer, LinkDown, NotAMeasurement
+from drivers.stopping import unheard
 from drivers.watch_file import WatchedTracker, WatchSettings, recorded_measurement
 
 POINT = (2000.5, 10.25, -300.125)
@@ -45,7 +46,9 @@ def nothing(_path):
     pass
 
 
-def watched(tmp_path, before, *doings, cancelled=lambda: False, encoding=None, **form):
+def watched(
+    tmp_path, before, *doings, cancelled=lambda: False, encoding=None, announce=unheard, **form
+):
     form = PointFormat(**{"unit": "mm", "option": "tracker.watch.", **form})
     path = tmp_path / "points.txt"
     if before is not None:
@@ -60,7 +63,13 @@ def watched(tmp_path, before, *doings, cancelled=lambda: False, encoding=None, *
     )
     clock = Software(path, *doings)
     tracker = WatchedTracker(
-        Surroundings(open_transport=None, clock=clock, cancelled=cancelled, settings=settings)
+        Surroundings(
+            open_transport=None,
+            clock=clock,
+            cancelled=cancelled,
+            settings=settings,
+            announce=announce,
+        )
     )
     tracker.connect()
     return clock, tracker
@@ -162,3 +171,15 @@ def test_file_that_cannot_be_is_refused_by_name(tmp_path):
         watched(tmp_path, None)[1].prepare("CCR", 1.0)
     with pytest.raises(LinkDown, match="there is no folder"):
         watched(tmp_path / "elsewhere", None)
+
+
+def test_it_says_when_to_measure_into_which_file_and_that_it_is_not_there(tmp_path):
+    said = []
+    _, tracker = watched(tmp_path, None, replaces(f"{ROW}\n"), announce=said.append)
+    tracker.prepare("C", 1.0)
+    tracker.measure()
+    path = tmp_path / "points.txt"
+    assert said == [
+        f"there is no file {path} yet; it may come later",
+        f"measure now: waiting for a row in {path} (0.5 min)",
+    ]
