@@ -14,7 +14,7 @@
 # made again is the exception, for without its options it would be another campaign.
 
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -40,7 +40,11 @@ OBSERVE = (
     "measure what stands under objects in campaign.yaml, and save it as observations.csv, a row "
     "for each value"
 )
-MEASURE = "run program-{0} on the controller, measure at each of its stops, save that as {0}.txt"
+MEASURE = (
+    "run program-{0} on the controller, measure at each of its stops, save that as {0}.txt in mm"
+)
+FIRMWARE_OF: Mapping[str, Literal["klipper"]] = {"linear-delta": "klipper"}
+"""Firmware of printers that are calibrated without a tracker, by mechanism."""
 CHANGED = "look for what changed since the shots, and measure again"
 OTHER_LIMITS = "agree other limits with the customer ({reasons})"
 
@@ -117,10 +121,12 @@ class CampaignState:
     """Command that answers an identification that did not pass; empty: measure again."""
     remedy_first: str = ""
     """What to do by hand before that command."""
+    to_plan: bool = False
+    """Whether poses have to be planned for space that the shots do not cover; none are yet."""
     check: Literal["", "again", "update", "anew"] = ""
     """Answer to a check that did not pass: another check, an update by its shots, new shots."""
-    to_export: Literal["", "yaml", "plain"] = ""
-    """Missing robot file: with all parameters, or with those that the controller has."""
+    to_export: Literal["", "yaml", "plain", "klipper"] = ""
+    """Missing file: with all parameters, with those that the controller has, or a firmware's."""
     overwrite: bool = False
     """Whether an older file has the name of the missing one."""
     file: str = FILE_NAME
@@ -183,16 +189,21 @@ ROWS = (
     Row(lambda s: not (s.measured or s.program) and s.offline, "plan {folder} --program csv"),
     Row(
         lambda s: not (s.measured or s.before) and s.offline,
-        "import {folder} before.txt --stage before",
+        "import {folder} before.txt --stage before --unit mm",
         MEASURE.format("before"),
     ),
-    Row(lambda s: not s.measured and s.offline, "import {folder} run.txt", MEASURE.format("run")),
+    Row(
+        lambda s: not s.measured and s.offline,
+        "import {folder} run.txt --unit mm",
+        MEASURE.format("run"),
+    ),
     Row(lambda s: not (s.measured or s.before), "validate {folder} --stage before"),
     Row(lambda s: not s.measured or s.unmeasured == "run", "run {folder}"),
     Row(lambda s: s.unmeasured == "anew", "run {folder} --anew"),
     # identify, until an identification of the latest shots passes and no check contradicts it
     Row(lambda s: s.verdict is None and s.stations, "identify {folder} --sessions"),
     Row(lambda s: s.verdict is None, "identify {folder}"),
+    Row(lambda s: s.verdict != "pass" and s.to_plan, "plan {folder}", "{remedy_first}"),
     Row(lambda s: s.verdict != "pass", "{remedy}", "{remedy_first}"),
     Row(
         lambda s: s.check == "again" and s.offline,
@@ -224,6 +235,7 @@ ROWS = (
         "export {folder} --format plain {overwrite}",
         why="the controller does not accept all parameters",
     ),
+    Row(lambda s: s.to_export == "klipper", "export {folder} --format klipper {overwrite}"),
     Row(lambda s: s.to_export == "yaml", "export {folder} {overwrite}"),
     Row(
         lambda s: not s.after and s.program and not s.program_after,
@@ -231,9 +243,9 @@ ROWS = (
     ),
     Row(
         lambda s: not s.after and s.measured == "import",
-        "import {folder} after.txt --stage after",
+        "import {folder} after.txt --stage after --unit mm",
         "put the exported file into the controller, or correct the targets; measure pairs, and "
-        "save them as after.txt",
+        "save them as after.txt in mm",
     ),
     # without a tracker nothing validates but new observations, which are identified by themselves
     Row(
@@ -353,7 +365,9 @@ def state_of(
         return state
     if (verdict := identification.judgement.verdict) != "pass":
         remedy, first = remedy_for(identification)
-        return replace(state, verdict=verdict, remedy=remedy, remedy_first=first)
+        obstacle = next(iter(identification.judgement.obstacles), "")
+        to_plan = obstacle == findings.EXTRAPOLATION and evidence.plan is None
+        return replace(state, verdict=verdict, remedy=remedy, remedy_first=first, to_plan=to_plan)
     identified = identification.value.parameter_set(campaign.robot.mechanism)
     state = replace(state, verdict="pass", check=_answer_to_check(evidence, identified))
     return _with_controller(
@@ -504,6 +518,15 @@ def _with_file_to_load(
         return replace(state, file=plain)
     if evidence.file_origin != digest:
         is_there = evidence.file_origin is not None or evidence.spoilt_parameter_file
+        mechanism = evidence.campaign.robot.mechanism.name
+        # a printer has no tracker and no controller that takes a robot file: its firmware has keys
+        if state.offline and state.measured == "observations" and mechanism in FIRMWARE_OF:
+            firmware, written = FIRMWARE_OF[mechanism], evidence.written
+            form = written.projection if written else None
+            if written and form and form.of == digest:  # also of another firmware
+                return replace(state, file=written.file)
+            is_there = evidence.campaign.path(f"{firmware}.cfg").exists()
+            return replace(state, to_export=firmware, overwrite=is_there)
         return replace(state, to_export="yaml", overwrite=is_there)
     return state
 

@@ -87,9 +87,7 @@ def command(
     terminal.say(f"written: {path}")
     answer = ExportAnswer(path) if left_mm is None else PlainExportAnswer(path, left_mm)
     if format_ in FIRMWARE:  # people put it into the printer, and its file says how
-        terminal.note("next: its first lines say where the values go; then measure again")
-        terminal.conclude(answer, None)
-        return
+        terminal.note("its first lines say where the values go; then measure again")
     terminal.conclude(answer, tell_next(terminal, campaign))
 
 

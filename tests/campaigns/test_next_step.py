@@ -68,12 +68,16 @@ def outcomes(state: CampaignState, step: NextStep) -> Iterator[CampaignState]:
             return
         case "identify", options:
             here = replace(state, check="")
-            for missing in ("yaml", "plain"):
+            is_printer = state.offline and state.measured == "observations"
+            for missing in ("yaml", "plain", *(["klipper"] if is_printer else [])):
                 yield replace(here, verdict="pass", remedy="", to_export=missing)
             for name in FAILING:
                 found = identified(name, () if options == ("--update",) else options)
                 remedy, first = remedy_for(found)
-                yield replace(here, verdict="fail", remedy=remedy, remedy_first=first)
+                to_plan = name == findings.EXTRAPOLATION and state.measured == "import"
+                yield replace(
+                    here, verdict="fail", remedy=remedy, remedy_first=first, to_plan=to_plan
+                )
         case "check", _:
             yield from (replace(state, check=answer) for answer in ANSWERS)
         case (("validate" | "import"), options) if "after" in options:
@@ -85,16 +89,17 @@ def outcomes(state: CampaignState, step: NextStep) -> Iterator[CampaignState]:
 
 
 CHANGED: dict[tuple[str, ...], dict[str, Any]] = {
-    ("plan",): {"planned": True, "misplaced": ""},
+    ("plan",): {"planned": True, "misplaced": "", "to_plan": False},
     ("plan", "--program", "csv"): {"program": True},
     ("plan", "--program", "csv", "--stage"): {"program_after": True},
     ("validate", "--stage", "before"): {"before": True},
     ("import", "before.txt", "--stage", "before"): {"before": True},
-    ("import", "run.txt"): {"measured": "import"},
+    ("import", "run.txt", "--unit", "mm"): {"measured": "import"},
     ("import", "observations.csv"): {"measured": "observations"},
     ("run",): {"measured": "run", "unmeasured": ""},
     ("run", "--anew"): {"measured": "run", "unmeasured": ""},
     ("export",): {"to_export": ""},
+    ("export", "--format", "klipper"): {"to_export": "", "file": "klipper.cfg"},
     ("export", "--format", "plain"): {"to_export": "", "file": PLAIN_FILE},
     ("load",): {"holds": True},
     ("load", "--robot", f"DIR/{PLAIN_FILE}"): {"holds": True},
@@ -375,3 +380,16 @@ def test_a_check_is_of_the_set_that_files_and_other_findings_name(whole: PaperCa
     campaign = open_campaign(whole.folder)
     work = check_work(campaign, CheckOptions())
     assert known_sets(campaign).state(work.robot_file_digest).kind == "identified"
+
+
+def test_space_that_the_shots_do_not_cover_is_answered_by_a_plan(evidence: Evidence) -> None:
+    """And not by the same file again; with a plan there are shots to measure."""
+    judgement = Judgement(
+        verdict="not decided", reasons=("7 %",), obstacles=(findings.EXTRAPOLATION,)
+    )
+    identification = replace(evidence.identification, judgement=judgement)
+    imported = replace(evidence, identification=identification, plan=None)
+    state = state_of(Evaluation(imported))
+    assert words_of(next_step(state)) == "plan"
+    assert "plan poses there" in next_step(state).first
+    assert words_of(next_step(replace(state, to_plan=False))) == "run --anew"

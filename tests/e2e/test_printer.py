@@ -80,9 +80,11 @@ def test_a_first_layer_is_level_by_the_values_of_four_commands(pkmcal, drawn, fi
     assert f"next: pkmcal identify {folder} --for flat" in imported.err
     identified = pkmcal("identify", folder, "--for", "flat")
     assert (identified.code, "verdict: pass" in identified.out) == (0, True)
+    assert f"next: pkmcal export {folder} --format klipper" in identified.err
     exported = pkmcal("export", folder, "--format", "klipper")
     assert exported.code == 0
     assert "z = 0 is the bed" in exported.err
+    assert f"next: pkmcal report {folder}" in exported.err
     places = rings(95.0, 5)
     nominal = {"printer": {"delta_radius": RADIUS_MM}} | {
         f"stepper_{side}": {

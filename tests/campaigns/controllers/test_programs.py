@@ -109,7 +109,7 @@ def test_program_of_an_older_plan_is_asked_for_again(planned):
     folder = planned.folder
     assert run_command(["plan", str(folder), "--program", "csv"]) == 0
     step = next_step(state_of(evaluate(open_campaign(folder))))
-    assert step.text == f"pkmcal import {folder} before.txt --stage before"
+    assert step.text == f"pkmcal import {folder} before.txt --stage before --unit mm"
     text = (folder / "plan.csv").read_text().splitlines()
     (folder / "plan.csv").write_text("\n".join([*text[:-1], ""]))
     step = next_step(state_of(evaluate(open_campaign(folder))))
