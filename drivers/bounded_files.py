@@ -35,6 +35,17 @@ _KINDS = (
     (stat.S_ISSOCK, "a socket"),
     (lambda mode: stat.S_ISCHR(mode) or stat.S_ISBLK(mode), "a device"),
 )
+_AS_CSV = "save the sheet as CSV (UTF-8), and give that file"
+_NO_TEXTS = (
+    (b"PK\x03\x04", "a workbook of a spreadsheet, or another zip archive", _AS_CSV),
+    (b"\xd0\xcf\x11\xe0", "a workbook of an old spreadsheet", _AS_CSV),
+    (b"\x1f\x8b", "compressed (gzip)", "unpack it first: gunzip FILE"),
+    (b"BZh", "compressed (bzip2)", "unpack it first: bunzip2 FILE"),
+    (b"\xfd7zXZ", "compressed (xz)", "unpack it first: unxz FILE"),
+    (b"%PDF-", "a PDF", "export the points as text"),
+    (b"SQLite format 3\0", "a database", "export the points as text"),
+)
+"""First bytes of files that are no text, what they are, and what to do."""
 
 
 class FileRefused(ExplainedError):
@@ -111,6 +122,7 @@ def decoded(
 
     Raises `FileRefused` naming the line of the first byte that cannot be read.
     """
+    check_is_text(data, name)
     codec = codec_of(data, encoding)
     try:
         return data.decode(codec)
@@ -123,10 +135,19 @@ def decoded(
         ) from error
 
 
+def check_is_text(data: bytes, name: str) -> None:
+    """Raise `FileRefused` for a file whose first bytes are those of another kind than text."""
+    for begin, kind, remedy in _NO_TEXTS:
+        if data.startswith(begin):
+            raise FileRefused(f"{name}: is {kind}", remedy=remedy)
+
+
 def codec_of(data: bytes, encoding: Encoding | None = None) -> str:
     """Return Python's name of the encoding of a text: without a mark UTF-16 must be given."""
     # A mark wins over the encoding given. Without one, UTF-16 is big endian if its first sign, of
     # which one byte is 0 in Latin text, begins with the 0.
+    if data.startswith((codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE)):  # before its first half
+        return "utf-32"
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     if data.startswith(codecs.BOM_UTF8) or encoding in {None, "utf-8"}:

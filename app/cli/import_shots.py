@@ -16,6 +16,7 @@ from app.report.terminal_text import show_validation
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import CoordinatesAmbiguous, OptionsInvalid
 from campaigns.evidence import evaluate
+from campaigns.files.cells import DecimalSign
 from campaigns.next_step import NextStep
 from campaigns.options import ImportStage
 from campaigns.robots.printer_config import PRINTER, PrinterConfig
@@ -24,7 +25,7 @@ from campaigns.shots.joined_shots import Join, holds_joints, join_rows, read_joi
 from campaigns.shots.observations_csv import ObservationRow, holds_observations, read_observations
 from campaigns.shots.point_files import PointFile, read_points
 from campaigns.shots.point_layout import PointFormat
-from campaigns.shots.point_words import MM_PER_UNIT, Coordinates, DecimalSign, LengthUnit
+from campaigns.shots.point_words import MM_PER_UNIT, Coordinates, LengthUnit
 from campaigns.shots.printer_observations import printer_observations
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow, in_unit, read_shots

@@ -1,10 +1,17 @@
 """CSV files: one table of columns by which a file is read and written.
 
 A `CsvForm` lists the columns that a kind of file may have; each column states how its text becomes
-a value and back. Reading is strict, because a spreadsheet may have changed the file: the header
-must name the columns, every row must be as long as the header, a number must be written with a
-decimal point. What else people write (semicolons, tabs, decimal commas) is recognized only to say
-so in the error. Numbers are written with the shortest decimals that give the same double, so
+a value and back. A spreadsheet may have changed a file, or somebody else written it, so form is
+read with patience and meaning strictly:
+
+1. Separator, decimal sign, quotes, comments, a first column without a heading and empty columns at
+   the end are recognised, as in files of points (`cells`). One decimal sign counts for all numbers.
+2. Headings are compared by their words: `q0_deg`, `Q0 [deg]`. Those that differ from each other by
+   a number alone, such as J1, J2 and J3, stand for the form's numbered columns if they are as many.
+3. Every row must be as long as the header, and every value be valid; what can be read in two ways
+   is refused.
+
+Numbers are written with the shortest decimals that give the same double, so
 reading and writing again changes nothing. A text that begins like a formula is written with a `'`
 before it: a spreadsheet that opens the file must not calculate what an operator typed.
 """
@@ -18,12 +25,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from campaigns.errors import CampaignError
+from campaigns.files.cells import (
+    NUMBER,
+    WITH_COMMA,
+    DecimalSign,
+    decimal_sign,
+    is_number,
+    point_text,
+    possible_splits,
+)
 from campaigns.files.wording import shown, suggestion
 
-NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-"""Number as files hold it; matched in a time that grows with the text's length, not its square."""
-_WHOLE_NUMBER = re.compile(r"\+?\d{1,18}", re.ASCII)
-WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+_WHOLE_NUMBER = re.compile(r"\+?(\d{1,18})(?:\.0*)?", re.ASCII)
 SIDES = {"0": 0, "1": 1, "+1": 1, "-1": -1}
 _TEXT_OF_FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """Beginning of a text that a spreadsheet would calculate, with any marks before it."""
@@ -32,6 +45,11 @@ MOST_LINES = 50_000
 MOST_CHARACTERS = 100_000
 """Longest line that is read; a row of any instrument has a hundredth of it."""
 
+_COMMENT = re.compile(r"\s*(?:#|//)")
+_SEPARATOR_LINE = re.compile(r'"?sep=([;,\t]?)"?', re.I)
+"""Line that states the separator for a spreadsheet."""
+_NUMBERED = re.compile(r"(.*[^\W\d].*?|[^\W\d])(\d{1,2})(\D*)")
+"""Heading with a number in it: what stands before, the number, what stands behind."""
 _POINT_REMEDY = "write decimal points and separate the columns by commas"
 
 
@@ -100,7 +118,8 @@ def _angle_rad(text: str) -> float | None:
 
 
 def _whole(text: str) -> int | None:
-    return int(text) if _WHOLE_NUMBER.fullmatch(text) else None
+    match = _WHOLE_NUMBER.fullmatch(text)  # also 1.0, as programs write columns with empty cells
+    return int(match[1]) if match else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +128,8 @@ class CsvForm:
 
     columns: tuple[CsvColumn, ...]
     invalid: type[CampaignError]
+    numbered: tuple[str, ...] = ()
+    """Columns that other software numbers in its way, such as J1, J2, J3, in their order."""
 
     @property
     def required(self) -> list[str]:
@@ -140,6 +161,8 @@ class CsvRow:
     texts: Mapping[str, str]
     columns: Mapping[str, CsvColumn]
     invalid: type[CampaignError]
+    decimal: DecimalSign | None = None
+    """Decimal sign of the file's numbers; None: a point."""
 
     def text(self, column: str) -> str:
         """Return the text of a column; empty if the row has none."""
@@ -151,8 +174,9 @@ class CsvRow:
         Any: columns hold numbers and texts.
         """
         text, column = self.text(name), self.columns[name]
-        if (value := column.read(text)) is not None:
-            return value
+        for notation in (text, point_text(text, self.decimal)):
+            if notation is not None and (value := column.read(notation)) is not None:
+                return value
         if not text:
             word = "empty" if name in self.texts else "missing"
             raise self.wrong(f"{name} is {word}", remedy=f"give {column.wanted}")
@@ -174,15 +198,26 @@ class CsvRow:
 def parse_csv(text: str, name: str, form: CsvForm) -> Iterator[CsvRow]:
     """Yield the rows of a file whose first line names its columns; raise `form.invalid`."""
     check_lines(text, name, form.invalid)
-    lines = _filled_lines(text, name, form.invalid)
-    columns = {column.name: column for column in form.columns}
-    where, header = next(lines, (f"{name}:1", []))
+    lines = [*_filled_lines(text, name, _separator(text, form), form)]
+    where, cells = lines[0] if lines else (f"{name}:1", [])
+    header = _columns(cells, form)
     _check_header(header, where, form)
-    for where, values in lines:
+    rows = [(row, _as_long(values, header)) for row, values in lines[1:] if values != cells]
+    numbers = [place for place, heading in enumerate(header) if _is_of_numbers(heading, form)]
+    decimal = decimal_sign(values[i] for _, values in rows for i in numbers if i < len(values))
+    columns = {column.name: column for column in form.columns}
+    for where, values in rows:
         if len(values) != len(header):
             raise _length_error(values, header, where, form.invalid)
         texts = dict(zip(header, map(_unmark, values), strict=True))
-        yield CsvRow(where, texts, columns, form.invalid)
+        yield CsvRow(where, texts, columns, form.invalid, decimal)
+
+
+def column_names(text: str, form: CsvForm) -> list[str]:
+    """Return the columns that the first line of a text names, unknown headings as they stand."""
+    for _, cells in _filled_lines(text, "", _separator(text, form), form):
+        return _columns(cells, form)
+    return []
 
 
 def check_lines(text: str, name: str, invalid: type[CampaignError]) -> None:
@@ -214,23 +249,109 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return stream.getvalue()
 
 
+def _separator(text: str, form: CsvForm) -> str:
+    """Return the separator that cuts the header into most of the form's columns; else a comma."""
+    counts: dict[str, int] = {}
+    for line in io.StringIO(text, newline=None):
+        if stated := _SEPARATOR_LINE.fullmatch(line.strip()):
+            return stated[1]
+        if line.strip():
+            for separator, cells in possible_splits(_uncommented(line)):
+                names = {column.name for column in form.columns}
+                counts[separator] = len(names.intersection(_columns([*cells], form)))
+            if not _COMMENT.match(line) or any(counts.values()):
+                break
+    best = max(counts, key=lambda separator: counts[separator], default=",")
+    return best if counts.get(best, 0) > 1 else ","
+
+
 def _filled_lines(
-    text: str, name: str, invalid: type[CampaignError]
+    text: str, name: str, separator: str, form: CsvForm
 ) -> Iterator[tuple[str, list[str]]]:
-    """Yield each line that is not empty as its place and its values."""
+    """Yield each line that is not empty as its place and its values, from the header on."""
     # a quoted value may hold line breaks: a row begins after the last line of the row before
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    line = 1
+    if not separator:
+        text = "\n".join(" ".join(line.split()) for line in io.StringIO(text, newline=None))
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator or " ", strict=True)
+    line, is_header_read = 1, False
     try:
         for values in reader:
             texts = [_one_line(value) for value in values]
+            if any(texts) and not is_header_read:
+                texts = _header_cells(texts, form)
+                is_header_read = bool(texts)
             if any(texts):
                 yield f"{name}:{line}", texts
             line = reader.line_num + 1
     except csv.Error as error:
-        raise invalid(
+        raise form.invalid(
             f"{name}:{line}: is not CSV ({error})", remedy="correct the line's quotes"
         ) from error
+
+
+def _header_cells(cells: list[str], form: CsvForm) -> list[str]:
+    """Return the cells of a header; [] for a line above it: a comment, or the separator's."""
+    if _SEPARATOR_LINE.match(cells[0]):
+        return []
+    if not _COMMENT.match(cells[0]):
+        return cells
+    bare = [_uncommented(cells[0]), *cells[1:]]
+    names = {column.name for column in form.columns}
+    return bare if len(bare) > 1 and names.issuperset(_columns(bare, form)) else []
+
+
+def _uncommented(text: str) -> str:
+    return _COMMENT.sub("", text, count=1).strip()
+
+
+def _columns(header: Sequence[str], form: CsvForm) -> list[str]:
+    """Return the column that each heading names, without empty ones at the end."""
+    # 1. By its words, whatever their case and what stands between them.
+    by_words = {_words(column.name): column.name for column in form.columns}
+    names = [by_words.get(_words(heading), heading) for heading in header]
+    while len(names) > 1 and not names[-1]:
+        names.pop()
+    # 2. By number, if not all of the numbered columns are there.
+    if not {*form.numbered} <= {*names}:
+        others = {*by_words.values()} - {*form.numbered}
+        by_number = _by_number([name for name in names if name not in others], form.numbered)
+        names = [by_number.get(name, name) for name in names]
+    # 3. A table's index has no heading; of rows with names it is the name.
+    if names and not names[0] and "name" in by_words.values() and "name" not in names:
+        names[0] = "name"
+    return names
+
+
+def _words(heading: str) -> str:
+    return "_".join(re.findall(r"[^\W_]+", heading.lower()))
+
+
+def _by_number(headings: Iterable[str], numbered: Sequence[str]) -> dict[str, str]:
+    """Return the numbered columns by headings that are alike but for a number, as J1, J2, J3.
+
+    None if they are not as many, not numbered in a row, or state another unit.
+    """
+    sets: dict[tuple[str, str], dict[int, str]] = {}
+    for heading in headings:
+        if match := _NUMBERED.fullmatch(heading):
+            sets.setdefault((match[1], match[3]), {})[int(match[2])] = heading
+    alike = [
+        [of_number[number] for number in sorted(of_number)]
+        for (_, behind), of_number in sets.items()
+        if len(of_number) == len(numbered) == max(of_number) - min(of_number) + 1
+        and all({*_words(behind).split("_")} <= {"", *name.split("_")} for name in numbered)
+    ]
+    return dict(zip(alike[0], numbered, strict=True)) if len(alike) == 1 else {}
+
+
+def _is_of_numbers(column: str, form: CsvForm) -> bool:
+    return any(column == other.name and other.read is not str for other in form.columns)
+
+
+def _as_long(values: list[str], header: Sequence[str]) -> list[str]:
+    """Return the values of a row without empty ones behind the last column."""
+    spare = values[len(header) :]
+    return values if any(spare) else values[: len(header)]
 
 
 # The mark must come off again without fail, also from a text that began with `'` before it was
@@ -257,30 +378,35 @@ def _check_header(header: list[str], where: str, form: CsvForm) -> None:
     remedy = f"the first line must name {','.join(form.required)}"
     if not header:
         raise form.invalid(f"{where}: the file is empty", remedy=remedy)
-    _check_separator(header, where, form.invalid)
+    if any(map(is_number, header)):
+        texts = [c.name for c in form.columns if c.read is str and not c.required]
+        names = [*texts[: max(len(header) - len(form.required), 0)], *form.required]
+        raise form.invalid(
+            f"{where}: there is no header, the first line holds numbers",
+            remedy=f"write {','.join(names)} above it",
+        )
     names = [column.name for column in form.columns]
-    for column in header:
-        if not column:
-            place = header.index("") + 1
+    for place, column in enumerate(header):
+        if not column and place > 0:
             raise form.invalid(
-                f"{where}: column {place} has no name", remedy="name it, or take it out"
+                f"{where}: column {place + 1} has no name", remedy="name it, or take it out"
             )
-        if column not in names:
-            absent = [name for name in names if name not in header]
-            raise form.invalid(
-                f"{where}: unknown column '{shown(column)}'", remedy=suggestion(column, absent)
-            )
-        if header.count(column) > 1:
+        if column and column not in names:
+            raise _unknown_column(column, header, where, form)
+        if column and header.count(column) > 1:
             raise form.invalid(f"{where}: column {column} stands twice", remedy="keep one")
     for column in form.required:
         if column not in header:
             raise form.invalid(f"{where}: column {column} is missing", remedy=remedy)
 
 
-def _check_separator(header: list[str], where: str, invalid: type[CampaignError]) -> None:
-    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
-        if separator in header[0]:
-            raise invalid(f"{where}: the columns are separated by {name}", remedy=_POINT_REMEDY)
+def _unknown_column(column: str, header: Sequence[str], where: str, form: CsvForm) -> CampaignError:
+    absent = [c.name for c in form.columns if c.name not in header]
+    remedy = suggestion(column, absent)
+    number = _NUMBERED.fullmatch(column)
+    if number and int(number[2]) == len(form.numbered):
+        remedy = f"the joints are counted from 0 here: {', '.join(form.numbered)}"
+    return form.invalid(f"{where}: unknown column '{shown(column)}'", remedy=remedy)
 
 
 def _length_error(

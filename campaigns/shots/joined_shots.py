@@ -25,12 +25,12 @@ from campaigns.files.csv_file import CsvRow
 from campaigns.files.text_file import read_text
 from campaigns.files.wording import shown
 from campaigns.kinematics.mechanism import Mechanism
-from campaigns.shots.columns import axis_columns, check_pairs
+from campaigns.shots.columns import check_pairs
 from campaigns.shots.point_files import NAME_JOINT, NamedPoint, PointFile
 from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, ShotSet
-from campaigns.shots.shots_csv import ShotRow, joints_rows
+from campaigns.shots.shots_csv import ShotRow, joints_rows, names_joints
 from campaigns.shots.turn_forms import TurnForm
-from drivers.bounded_files import CSV_BYTES, FileRefused, codec_of, read_bounded
+from drivers.bounded_files import CSV_BYTES, FileRefused, check_is_text, codec_of, read_bounded
 from drivers.texts import nearest_word
 
 Join = Literal["name", "order"]
@@ -129,12 +129,21 @@ def read_joints(
 
 
 def holds_joints(path: Path, mechanism: Mechanism) -> bool:
-    """Return whether the first line of a file names columns that only shots.csv has."""
-    with suppress(FileRefused):
+    """Return whether the first line of a file names columns that only shots.csv has.
+
+    Raise `ShotsInvalid` for a file that is no text.
+    """
+    try:
         data = read_bounded(path, CSV_BYTES)
-        first = data.decode(codec_of(data), errors="replace").lstrip().partition("\n")[0]
-        return any(name in first for name in ("pair", *axis_columns(mechanism.joints)))
-    return True  # the reader of shots.csv then reports why the file cannot be read
+    except FileRefused:
+        return True  # the reader of shots.csv then reports why the file cannot be read
+    try:
+        check_is_text(data, str(path))
+    except FileRefused as error:
+        raise ShotsInvalid(error.problem, remedy=error.remedy) from error
+    with suppress(ShotsInvalid):
+        return names_joints(data.decode(codec_of(data), errors="replace"), mechanism)
+    return False
 
 
 def _by_order(

@@ -25,7 +25,15 @@ from typing import get_args
 
 from campaigns.arrays import AXES
 from campaigns.errors import ShotsInvalid
-from campaigns.files.csv_file import NUMBER, check_lines
+from campaigns.files.cells import (
+    NUMBER,
+    SEPARATORS,
+    is_number,
+    number_value,
+    possible_splits,
+    split_line,
+)
+from campaigns.files.csv_file import check_lines
 from campaigns.files.wording import shown
 from campaigns.shots.point_layout import (
     EXPANDED,
@@ -36,15 +44,7 @@ from campaigns.shots.point_layout import (
     find_header,
     find_layout,
 )
-from campaigns.shots.point_words import (
-    MM_PER_UNIT,
-    SEPARATORS,
-    LengthUnit,
-    is_number,
-    number_value,
-    possible_splits,
-    split_line,
-)
+from campaigns.shots.point_words import MM_PER_UNIT, LengthUnit
 from drivers.bounded_files import CSV_BYTES, Encoding, FileRefused, decoded, read_bounded
 from drivers.values import Matrix3, Vector3
 

@@ -19,21 +19,17 @@ from typing import NamedTuple
 
 from campaigns.arrays import AXES
 from campaigns.errors import CoordinatesAmbiguous, ShotsInvalid
+from campaigns.files.cells import GROUPED, DecimalSign, is_number, possible_splits, split_line
 from campaigns.files.wording import shown, suggestion
 from campaigns.shots.point_words import (
-    GROUPED,
     MM_PER_UNIT,
     UNIT_LINE,
     Coordinates,
-    DecimalSign,
     Heading,
     LengthUnit,
-    is_number,
     name_places,
     parse_heading,
     parse_headings,
-    possible_splits,
-    split_line,
 )
 from drivers.bounded_files import Encoding
 

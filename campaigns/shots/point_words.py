@@ -1,24 +1,19 @@
-"""Words of point files: cells of a line, meanings of headings, notations of numbers.
+"""Words of point files: the meanings of headings.
 
 Software names the columns of points in many ways, so a heading is not looked up whole but cut into
 words: `X [mm]`, `x_mm`, `Y act`, `U(95) Z [mm]`, `σx`. Each word has one meaning (an axis, a unit,
 nominal or actual, an uncertainty) or none. A heading with exactly one axis and no word without a
 meaning is a coordinate, or its uncertainty; a word that is not understood may change what a column
 is (`dX`), so its column is never taken for one. All other headings are names, times or unused.
-
-Numbers have several notations as well: `2,5` may be 2.5 or two cells, `1.234` may be 1234. Here all
-of them are recognised; which one counts is for the caller to say.
 """
 
-import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence, Set
-from contextlib import suppress
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 from campaigns.arrays import AXES
-from campaigns.files.csv_file import NUMBER, WITH_COMMA
+from campaigns.files.cells import split_line
 
 LengthUnit = Literal["mm", "m", "inch", "ft", "cm", "um"]
 _UNITS: Mapping[LengthUnit, tuple[float, str]] = {
@@ -32,7 +27,6 @@ _UNITS: Mapping[LengthUnit, tuple[float, str]] = {
 """Each unit in mm, and its words in headers: the two signs of micro are two characters."""
 MM_PER_UNIT: Mapping[LengthUnit, float] = {unit: mm for unit, (mm, _) in _UNITS.items()}
 Coordinates = Literal["actual", "nominal"]
-DecimalSign = Literal["point", "comma"]
 _WORD_MEANINGS: Mapping[str, str] = {
     word: meaning
     for meaning, words in {
@@ -57,17 +51,11 @@ _NAME_HEADINGS = (
 )
 """Headings of a point's name, the most certain first."""
 _TIME_WORDS = frozenset({"time", "stamp", "timestamp", "date", "datetime", "utc"})
-SEPARATORS: Mapping[str, str] = {";": "semicolons", "\t": "tabs", ",": "commas", "": "blanks"}
 UNIT_LINE = re.compile(
     r"(?:(?:lengths?|linear|distances?|coordinates?)\W*)?(?:units?|einheit(?:en)?)\b(.*)", re.I
 )
 _WORD = re.compile(r"[^\W\d_]+|\d+")
 _AXIS_WORD = re.compile(r"(σ|sigma|s|u)?([xyz])(.*)", re.I)
-GROUPED = re.compile(
-    r"[+-]?\d{1,3}(?P<mark>[.,'’ \u00a0\u2009\u202f])\d{3}(?:(?P=mark)\d{3})*(?P<rest>[.,]\d*)?",
-    re.ASCII,
-)
-"""Number with thousands separators: an apostrophe or a blank of any width, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,23 +73,6 @@ class Heading:
     """Unit in the heading; None for none, or for several."""
     unknown: str
     """Word beside the axis that is neither unit nor set, or several units; "" for none."""
-
-
-def split_line(line: str, separator: str) -> tuple[str, ...]:
-    """Cut a line at a separator, or at blanks, as CSV with quotes."""
-    text = line if separator else " ".join(line.split())
-    # A line that CSV refuses, as one with a cell beyond its limit of size, is one cell.
-    with suppress(csv.Error):
-        cells = next(csv.reader([text], delimiter=separator or " ", skipinitialspace=True))
-        return tuple(cell.strip() for cell in cells)
-    return (line,)
-
-
-def possible_splits(line: str) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield each separator that a line may have, with the line cut there."""
-    for separator in SEPARATORS:
-        if separator in line:
-            yield separator, split_line(line, separator)
 
 
 def parse_heading(text: str) -> Heading:
@@ -178,25 +149,3 @@ def name_places(headings: Sequence[Heading]) -> list[int]:
     names = [texts.index(name) for name in usable if name in texts][:1]
     # groups without a name would give all points of a group the same name
     return [*groups, *names] if names else []
-
-
-def is_number(text: str) -> bool:
-    """Return whether a text is a number in any notation."""
-    return any(form.fullmatch(text) for form in (NUMBER, WITH_COMMA, GROUPED))
-
-
-def number_value(text: str, decimal: DecimalSign | None) -> float | None:
-    """Return a number in the notation of a decimal sign; None for any other text.
-
-    Without a decimal sign numbers have a point, and no thousands separators.
-    """
-    # 1. Take out thousands separators, if their mark is not the decimal sign, and what follows is.
-    sign = "," if decimal == "comma" else "."
-    if decimal and (grouped := GROUPED.fullmatch(text)):
-        mark, decimals = grouped["mark"], grouped["rest"] or sign
-        if mark != sign and decimals[0] == sign:
-            text = text.replace(mark, "")
-    # 2. Turn decimal commas into points. A point that is left then is neither: `?` is in no number.
-    if decimal == "comma":
-        text = text.replace(".", "?").replace(",", ".")
-    return float(text) if NUMBER.fullmatch(text) else None

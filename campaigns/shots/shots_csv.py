@@ -20,6 +20,7 @@ from campaigns.files.csv_file import (
     CsvColumn,
     CsvForm,
     CsvRow,
+    column_names,
     number_column,
     parse_csv,
     side_column,
@@ -160,6 +161,12 @@ def parse_shots(
     return shots
 
 
+def names_joints(text: str, mechanism: Mechanism) -> bool:
+    """Return whether the first line of a text names pairs or joints, as only shots.csv does."""
+    names = column_names(text, _form(mechanism))
+    return not {"pair", *columns.axis_columns(mechanism.joints)}.isdisjoint(names)
+
+
 def joints_rows(
     text: str, name: str, mechanism: Mechanism, default: ShotSet, turns: TurnForm | None = None
 ) -> Iterator[tuple[CsvRow, ShotRow]]:
@@ -199,6 +206,7 @@ def _form(mechanism: Mechanism, *, with_points: bool = True) -> CsvForm:
             whole_column(SESSION),
         ),
         ShotsInvalid,
+        columns.axis_columns(mechanism.joints),
     )
 
 

@@ -1,5 +1,8 @@
 """Files from outside: what no reader should begin to read is refused before it is read."""
 
+import bz2
+import gzip
+import lzma
 import os
 import socket
 import time
@@ -69,6 +72,28 @@ def test_no_name_brings_the_reader_down(tmp_path, name):
     assert not bounded_files.is_there(path)
     with pytest.raises(bounded_files.FileRefused):
         bounded_files.read_bounded(path, bounded_files.YAML_BYTES)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"PK\x03\x04\x14\x00\x06\x00", "f: is a workbook of a spreadsheet"),
+        (b"\xd0\xcf\x11\xe0\xa1\xb1", "f: is a workbook of an old spreadsheet"),
+        (gzip.compress(b"name,x,y,z\n"), "compressed .gzip."),
+        (lzma.compress(b"name,x,y,z\n"), "compressed .xz."),
+        (bz2.compress(b"name,x,y,z\n"), "compressed .bzip2."),
+        (b"%PDF-1.7\n", "a PDF"),
+    ],
+)
+def test_what_is_no_text_is_named_whatever_the_encoding(data, words):
+    for encoding in (None, "cp1252", "utf-16"):
+        with pytest.raises(bounded_files.FileRefused, match=words):
+            bounded_files.decoded(data, "f", encoding)
+
+
+@pytest.mark.parametrize("codec", ["utf-8-sig", "utf-16", "utf-32"])
+def test_a_byte_order_mark_names_the_encoding(codec):
+    assert bounded_files.decoded("X-µm".encode(codec), "f", "cp1252") == "X-µm"
 
 
 @pytest.mark.parametrize(

@@ -55,21 +55,27 @@ def numbers(text):
     [
         ("x_mm,", "", 1, "column x_mm is missing → the first line must name shot,x_mm"),
         ("x_mm", "x_m", 1, "unknown column 'x_m' → write x_mm, with the value in mm"),
-        ("set", "set,", 1, "column 4 has no name"),
+        ("x_mm", ",x_mm", 1, "column 2 has no name"),
         ("set", "shot", 1, "column shot stands twice"),
         ("2000.5", "none", 2, "x_mm is 'none', must be a number"),
         ("2000.5", "1e999", 2, "x_mm is '1e999', must be a number"),
         ("2000.5", "٢٠٠٠", 2, "must be a number"),
-        ("2000.5", '"2000,5"', 2, "x_mm is '2000,5', a decimal comma → write decimal points"),
+        ("2,30", '2,"3,5"', 3, "x_mm is '3,5', a decimal comma → write decimal points"),
+        ("2000.5,drift\n2,30", '"2,500",\n2,"3,000"', 2, "x_mm is '2,500', a decimal comma"),
         ("2000.5", "2000,5", 2, "4 values for 3 columns: perhaps decimal commas"),
         ("2000.5", "", 2, "x_mm is empty"),
         ("2000.5", '"2000.5', 2, "is not CSV"),
         ("shot,x_mm,set\n1,2000.5", "\n\nshot,x_mm,set\n1,x", 4, "x_mm is 'x'"),
-        ("2,30", "2.0,30", 3, "shot is '2.0', must be a whole number from 0"),
+        ("2,30", "2.5,30", 3, "shot is '2.5', must be a whole number from 0"),
         ("2,30", "9" * 5000 + ",30", 3, "must be a whole number"),
         (FILE, "", 1, "the file is empty"),
-        (FILE, FILE.replace(",", ";"), 1, "separated by semicolons → write decimal points"),
-        ("shot,x_mm,set\n", "", 1, "unknown column '1'"),
+        (
+            "shot,x_mm,set\n",
+            "",
+            1,
+            "there is no header, the first line holds numbers → write set,s",
+        ),
+        ("shot,x_mm,set\n1,2000.5,drift\n2,30,", "1,2\n3,4", 1, "write shot,x_mm above it"),
     ],
 )
 def test_what_is_wrong_is_answered_with_its_line_and_what_to_do(old, new, line, words):
@@ -81,6 +87,67 @@ def test_what_is_wrong_is_answered_with_its_line_and_what_to_do(old, new, line, 
     assert words in said
     assert " → " in said
     assert len(said) < 250
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        FILE.replace(",", ";"),
+        FILE.replace(",", "\t").replace(".", ","),
+        FILE.replace("2000.5", '"2000,5"'),
+        "sep=;\n" + FILE.replace(",", ";").replace(".", ","),
+        FILE.replace("2000.5", '"2.000,5"'),
+        FILE.replace(",drift", ",drift,,").replace("set", "set,,"),
+        "# measured by hand\n// again\n" + FILE,
+        "# " + FILE,
+        FILE.replace("shot,x_mm", "Shot,X [mm]"),
+        ",shot,x_mm,set\n0,1,2000.5,drift\n1,2,30,\n",
+        FILE + FILE,
+        FILE.replace("1,2000", "1.0,2000").replace("30", "3.0D+01"),
+        "shot x_mm\n1  2000.5\n2 \N{MINUS SIGN}30\n".replace("\N{MINUS SIGN}30", "30°"),
+    ],
+)
+def test_form_is_recognised_whoever_wrote_it(text):
+    assert numbers(text)[:2] == [(1, 2000.5), (2, 30.0)]
+
+
+JOINTS = CsvForm(
+    (CsvColumn("name"), *(number_column(f"q{n}_deg", required=True) for n in range(3))),
+    ShotsInvalid,
+    numbered=("q0_deg", "q1_deg", "q2_deg"),
+)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "name,q1,q2,q3",
+        "name,J1,J2,J3",
+        "name,q1_deg,q2_deg,q3_deg",
+        "Name,Joint 1 [deg],Joint 2 [deg],Joint 3 [deg]",
+        ",q0_deg,q1_deg,q2_deg",
+        "name,q0,q1,q2",
+    ],
+)
+def test_columns_alike_but_for_a_number_are_the_numbered_ones_in_their_order(header):
+    (row,) = parse_csv(f"{header}\nP1,1.5,2.5,-3.5\n", "f", JOINTS)
+    assert (row.text("name"), *row.values(JOINTS.numbered)) == ("P1", 1.5, 2.5, -3.5)
+    order = [header.split(",")[place] for place in (0, 3, 1, 2)]
+    (row,) = parse_csv(f"{','.join(order)}\nP1,-3.5,1.5,2.5\n", "f", JOINTS)
+    assert row.values(JOINTS.numbered) == (1.5, 2.5, -3.5)
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ("name,q1_rad,q2_rad,q3_rad", "unknown column 'q1_rad'"),
+        ("name,q1,q2,q4", "unknown column 'q1'"),
+        ("name,q1_deg,q2_deg,q3", "'q3' → the joints are counted from 0 here: q0_deg, q1_deg, q2"),
+    ],
+)
+def test_columns_in_another_unit_or_not_in_a_row_are_refused(header, words):
+    with pytest.raises(ShotsInvalid, match=words):
+        list(parse_csv(f"{header}\nP1,1,2,3\n", "f", JOINTS))
 
 
 def test_negative_numbers_are_no_formulas():
