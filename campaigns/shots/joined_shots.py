@@ -51,7 +51,7 @@ def join_shots(
     default: ShotSet = ShotSet.IDENTIFICATION,
     turns: TurnForm | None = None,
 ) -> tuple[tuple[ShotRow, ...], str]:
-    """Return the shots in the order of the joints file, and a note on their pairs.
+    """Return the shots in the order of the joints file, and a note on names and pairs.
 
     `default` is the set of rows that name none, `turns` how the joints file writes three turns.
     Raises `ShotsInvalid`.
@@ -68,12 +68,15 @@ def join_rows(
     """
     # Covariance and time of the point file are the tracker's own, so they are used before those
     # that a user may have written beside the joints.
-    all_pairs, pair_note = _pairs(rows)
+    all_pairs, note = _pairs(rows)
     kept = [place for place, (row, _) in enumerate(rows) if row.text("name") not in skipped]
     rows, pairs = [rows[place] for place in kept], [all_pairs[place] for place in kept]
     if not rows:
         raise ShotsInvalid(f"{points.name}: --skip leaves no shot", remedy="skip fewer")
-    present = [point for point in points.points if skipped.isdisjoint(_names_of(point))]
+    named, heading = (points.points, None) if join == "order" else _named(points, rows)
+    if heading is not None:
+        note = f"names by column '{shown(heading)}', which has those of the joints; {note}"
+    present = [point for point in named if skipped.isdisjoint(_names_of(point))]
     matching = _by_order if join == "order" else _by_name
     matched = matching(present, points.name, rows)
     shots = tuple(
@@ -86,7 +89,7 @@ def join_rows(
         )
         for (_, shot), point, pair in zip(rows, matched, pairs, strict=True)
     )
-    return shots, pair_note
+    return shots, note
 
 
 def skipped_names(
@@ -156,6 +159,26 @@ def _by_order(
         f"the last of {len(rows)} joints, but {points_name} holds {len(points)} points",
         remedy="join by name, or give both files one line a shot, in the same order",
     )
+
+
+def _named(points: PointFile, rows: Sequence[JointsRow]) -> tuple[Sequence[NamedPoint], str | None]:
+    """Return points with the names of the joints, and the heading of the column that has them.
+
+    The heading is None if the file's names are the joints', or no column has them.
+    """
+    # Whatever its heading, the one column that holds each name of the joints once is the name.
+    names = [row.text("name") for row, _ in rows]
+    index = _index_by_name(points.points)
+    fitting = [
+        heading
+        for heading, texts in points.unused.items()
+        if all(texts.count(name) == 1 for name in names)
+    ]
+    if len(fitting) != 1 or all(name in index for name in names):
+        return points.points, None
+    texts = points.unused[fitting[0]]
+    renamed = [replace(p, name=text) for p, text in zip(points.points, texts, strict=True)]
+    return renamed, fitting[0]
 
 
 def _by_name(

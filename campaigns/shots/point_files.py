@@ -4,6 +4,7 @@ How a file is read:
 
 1. A byte-order mark decides how it is decoded, else the encoding given, else it is UTF-8.
 2. Empty lines are left out. Comments (`//`, `#`, `;`) are kept apart: a header may stand in one.
+   Lines of words and values, `Cnt=1 X= 2.5 …`, are rows, and their words the header.
 3. The layout is found: separator, columns, unit, header lines (`point_layout`, by the meanings of
    words in `point_words`).
 4. The user's unit is used, else the file's; without either the file is refused.
@@ -17,7 +18,7 @@ A tracker that writes points into a growing file is read by the functions for si
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from io import StringIO
 from pathlib import Path
@@ -30,6 +31,7 @@ from campaigns.files.cells import (
     SEPARATORS,
     is_number,
     number_value,
+    point_text,
     possible_splits,
     split_line,
 )
@@ -54,6 +56,8 @@ FARTHEST_MM = 1e8
 """Largest coordinate that is accepted in any unit."""
 _COMMENT = re.compile(r"//|#|;(?!(?:[^;]*;){2})")
 """Mark of a comment; a row whose first column is empty begins with a semicolon, too."""
+_KEY_AND_VALUE = re.compile(r"([^\W\d]\w*)\s*[=:]\s*([+-]?[\d.,]*\d(?:[eE][+-]?\d+)?|[^\s;,=]+)")
+"""Word before its value, as in `X= 2081.434`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +83,8 @@ class PointFile:
     points: tuple[NamedPoint, ...]
     unit: LengthUnit
     notes: tuple[str, ...]
+    unused: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Texts (N,) of the columns that are not used, by their headings."""
 
 
 def read_points(path: Path, form: PointFormat) -> PointFile:
@@ -150,7 +156,22 @@ def _filled_lines(text: str, name: str, option: str) -> list[Line]:
             mark = _COMMENT.match(line.lstrip())
             content = line.lstrip().lstrip("#/;") if mark else line
             lines.append(Line(f"{name}:{number}", content.strip(" \r\n"), mark is not None))
-    return lines
+    return _without_keys(lines)
+
+
+def _without_keys(lines: list[Line]) -> list[Line]:
+    """Return lines of `KEY=value` as rows of values, with the keys of the first as a header."""
+    pairs = [[] if line.is_comment else _KEY_AND_VALUE.findall(line.text) for line in lines]
+    keys = [tuple(key for key, _ in of_line) for of_line in pairs]
+    header = next((names for names in keys if {*AXES} <= {name.lower() for name in names}), None)
+    if header is None:
+        return lines
+    first = keys.index(header)
+    rows = [
+        Line(line.where, ";".join(value for _, value in of_line)) if names == header else line
+        for line, names, of_line in zip(lines, keys, pairs, strict=True)
+    ]
+    return [*rows[:first], Line(lines[first].where, ";".join(header)), *rows[first:]]
 
 
 def _parse_lines(
@@ -169,9 +190,14 @@ def _parse_lines(
             remedy=f"give it with {form.option}unit {'|'.join(MM_PER_UNIT)}",
         )
     # 2. Points.
+    layout, zeros = _with_half_digit(layout, form)
     points = [_point(line, layout, replace(form, unit=unit)) for line in layout.rows]
     _check_unique(points)
     points, notes = _with_usable_columns(points, layout, name)
+    if zeros and points[0].covariance_mm2:
+        half = f"{layout.sigma_half_digit:g} {layout.sigma_unit or unit}"
+        what = "uncertainty of 0 is" if zeros == 1 else "uncertainties of 0 are"
+        notes.append(f"{name}: {zeros} {what} taken as half of a last digit, {half}")
     # 3. Notes, so that a user can see whether columns, header and unit were understood.
     columns = ", ".join(word for word in layout.order if word != "-")
     unused = [
@@ -189,7 +215,35 @@ def _parse_lines(
         about.append(f"{name}: {count} skipped: {quoted}{', …' if len(header) > 3 else ''}")
     if layout.unit not in {None, unit}:
         about.append(f"{name}: the header states {layout.unit}, {form.option}unit {unit} is used")
-    return PointFile(name, tuple(points), unit, (*about, *notes))
+    return PointFile(name, tuple(points), unit, (*about, *notes), _unused(layout))
+
+
+def _unused(layout: Layout) -> dict[str, tuple[str, ...]]:
+    """Return the texts of the columns that are not used, by their headings."""
+    table = [split_line(line.text, layout.separator) for line in layout.rows]
+    return {
+        heading: tuple(cells[place] if place < len(cells) else "" for cells in table)
+        for place, (heading, role) in enumerate(zip(layout.headings, layout.order, strict=False))
+        if role == "-"
+    }
+
+
+def _with_half_digit(layout: Layout, form: PointFormat) -> tuple[Layout, int]:
+    """Return the layout with half of the last digit of its uncertainties, and the number of zeros.
+
+    A row of nothing but zeros has no uncertainty.
+    """
+    # One more decimal in any cell shows that software cuts zeros off: then it counts for all.
+    places = [place for place, role in enumerate(layout.order) if role in {*SIGMAS, *EXPANDED}]
+    table = [split_line(line.text, layout.separator) for line in layout.rows]
+    cells = [[cells[place] for place in places if place < len(cells)] for cells in table]
+    texts = [[point_text(cell, form.decimal) or "" for cell in row] for row in cells]
+    decimals = max(
+        (len(t.partition(".")[2]) for row in texts for t in row if "e" not in t.lower()), default=0
+    )
+    values = [[float(text or "nan") for text in row] for row in texts]
+    zeros = sum(row.count(0.0) for row in values if any(row))
+    return replace(layout, sigma_half_digit=0.5 * 10.0**-decimals if decimals else 0.0), zeros
 
 
 def _point(line: Line, layout: Layout, form: PointFormat) -> NamedPoint:
@@ -254,12 +308,14 @@ def _covariance_mm2(texts: Mapping[str, str], layout: Layout, form: PointFormat)
 
     U(95) is an expanded uncertainty with coverage factor 2 (GUM).
     """
-    # Files state no correlations, so X, Y and Z count as independent. A σ of zero would be a weight
-    # without bound, and one beyond any coordinate is a mark for a missing value.
+    # Files state no correlations, so X, Y and Z count as independent. A printed number is known to
+    # half of its last digit: 0 beside others is at most this. A σ of zero would be a weight without
+    # bound, and one beyond any coordinate is a mark for a missing value.
     mm = MM_PER_UNIT[layout.sigma_unit or form.unit or "mm"]
     for roles, coverage in ((SIGMAS, 1.0), (EXPANDED, 2.0)):
         values = [number_value(texts.get(role, ""), form.decimal) for role in roles]
-        x, y, z = ((value or 0.0) * mm / coverage for value in values)
+        zero = layout.sigma_half_digit if any(values) else 0.0
+        x, y, z = ((zero if v == 0.0 else v or 0.0) * mm / coverage for v in values)
         if min(x, y, z) > 0.0 and max(x, y, z) < FARTHEST_MM:
             return ((x * x, 0.0, 0.0), (0.0, y * y, 0.0), (0.0, 0.0, z * z))
     return None

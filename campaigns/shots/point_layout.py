@@ -88,6 +88,8 @@ class Layout:
     """Lines before the first point that are no comments, with the header if it is one."""
     rows: tuple[Line, ...] = ()
     """Lines of points."""
+    sigma_half_digit: float = 0.0
+    """Half of the last digit of uncertainties, in their unit, which is what 0 stands for."""
 
 
 def find_layout(lines: Sequence[Line], form: PointFormat) -> Layout:
@@ -213,9 +215,10 @@ def _coordinate_places(
                     remedy=f"choose with {choose}",
                 )
             places[heading.axis] = place
-    # 2. Only whole sets can be read. If there is none, a word that is not understood is the likely
-    #    reason, most often a unit.
+    # 2. Only whole sets can be read. If there is none that is understood, headings alike but for
+    #    the axis are one.
     readable = {name: places for name, places in sets.items() if len(places) == len(AXES)}
+    readable = readable or _alike_places(headings)
     if not readable:
         unknown = next((heading.unknown for heading in headings if heading.axis), "")
         raise ShotsInvalid(
@@ -244,6 +247,18 @@ def _coordinate_places(
         remedy=f"choose with {form.option}coordinates actual or nominal, or name the columns "
         f"with {choose}",
     )
+
+
+def _alike_places(headings: Sequence[Heading]) -> dict[str, dict[str, int]]:
+    """Return the columns of headings alike but for the axis, by set; {} if a set has several."""
+    sets: dict[str, dict[str, dict[str, int]]] = {}
+    for place, heading in enumerate(headings):
+        if heading.alike and heading.role == "-":
+            alike = sets.setdefault(heading.coordinates, {}).setdefault(heading.alike, {})
+            alike[heading.axis] = place
+    if any(len(alike) > 1 for alike in sets.values()):
+        return {}
+    return {name: places for name, alike in sets.items() for places in alike.values()}
 
 
 def _common_unit(

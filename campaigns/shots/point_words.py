@@ -4,12 +4,14 @@ Software names the columns of points in many ways, so a heading is not looked up
 words: `X [mm]`, `x_mm`, `Y act`, `U(95) Z [mm]`, `σx`. Each word has one meaning (an axis, a unit,
 nominal or actual, an uncertainty) or none. A heading with exactly one axis and no word without a
 meaning is a coordinate, or its uncertainty; a word that is not understood may change what a column
-is (`dX`), so its column is never taken for one. All other headings are names, times or unused.
+is (`dX`), so its column is never taken for one beside others that are understood. Where none are,
+three headings alike but for the letters x, y and z are coordinates in any language: `X-Koordinate`,
+`point.x`. All other headings are names, times or unused.
 """
 
 import re
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from campaigns.arrays import AXES
@@ -54,6 +56,7 @@ _TIME_WORDS = frozenset({"time", "stamp", "timestamp", "date", "datetime", "utc"
 UNIT_LINE = re.compile(
     r"(?:(?:lengths?|linear|distances?|coordinates?)\W*)?(?:units?|einheit(?:en)?)\b(.*)", re.I
 )
+_BRACKETS = re.compile(r"[\[(]")
 _WORD = re.compile(r"[^\W\d_]+|\d+")
 _AXIS_WORD = re.compile(r"(σ|sigma|s|u)?([xyz])(.*)", re.I)
 
@@ -73,6 +76,8 @@ class Heading:
     """Unit in the heading; None for none, or for several."""
     unknown: str
     """Word beside the axis that is neither unit nor set, or several units; "" for none."""
+    alike: str = ""
+    """Text with `*` for the axis, where two others differ from it by the axis alone; else ""."""
 
 
 def parse_heading(text: str) -> Heading:
@@ -137,7 +142,30 @@ def parse_headings(line: str, separator: str) -> list[Heading]:
             headings[-1] = parse_heading(f"{headings[-1].text} {cell}")
         else:
             headings.append(heading)
-    return headings
+    return _with_alike(headings)
+
+
+def _with_alike(headings: Sequence[Heading]) -> list[Heading]:
+    """Return headings with what those have in common that are alike but for x, y and z."""
+    # A letter before the axis makes another quantity of it (dX, RotX), whatever the language, and a
+    # unit in brackets must be a known one.
+    texts = [
+        heading.text.casefold() if heading.unit or not _BRACKETS.search(heading.text) else ""
+        for heading in headings
+    ]
+    common: dict[str, tuple[str, str]] = {}
+    for text in texts:
+        for place, letter in enumerate(text):
+            if letter != "x" or text[:place][-1:].isalpha():
+                continue
+            alike = [f"{text[:place]}{axis}{text[place + 1 :]}" for axis in AXES]
+            if all(texts.count(other) == 1 for other in alike):
+                pattern = f"{text[:place]}*{text[place + 1 :]}"
+                common |= {other: (axis, pattern) for other, axis in zip(alike, AXES, strict=True)}
+    return [
+        replace(heading, axis=common[text][0], alike=common[text][1]) if text in common else heading
+        for heading, text in zip(headings, texts, strict=True)
+    ]
 
 
 def name_places(headings: Sequence[Heading]) -> list[int]:

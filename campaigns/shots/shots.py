@@ -32,7 +32,7 @@ from campaigns.kinematics.mechanism import Mechanism
 from campaigns.kinematics.model import Kinematics
 from campaigns.robots.robot import RobotFile
 from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, PairRows, ShotSet, pair_rows
-from campaigns.shots.shots_csv import ShotRow, shots_text, time_order, times_s
+from campaigns.shots.shots_csv import ShotRow, shots_text, steady_times_s, time_order, times_s
 from drivers.values import Matrix3, Pose, is_positive_definite, vector
 
 IMPORTED = "imported"
@@ -217,7 +217,7 @@ class Shots:
 
     def elapsed_s(self) -> Array | None:
         """Return the time since the earliest shot, (N,); None where not all times are known."""
-        seconds, _ = times_s(self.measured_utc)
+        seconds, _ = steady_times_s(self.measured_utc)
         return None if seconds is None else seconds - seconds.min()
 
     def rows(self, rows: Index) -> "Shots":

@@ -36,6 +36,9 @@ from drivers.values import Matrix3, Vector3, is_positive_definite, vector
 
 COVARIANCE_COLUMNS = ("sxx", "sxy", "sxz", "syy", "syz", "szz")
 NOWHERE_MM = (math.nan, math.nan, math.nan)
+HOUR_S = 3600.0
+LONGEST_PAUSE_S = 1800.0
+"""Longest pause between two shots for which times that go back are those of a clock set back."""
 SESSION = "session"
 """Column of the session's number: the tracker stands at another place in each."""
 TEMPERATURES = ("temperature_degC", "part_temperature_degC")
@@ -72,9 +75,10 @@ class ShotRow:
 def time_order(times: Sequence[str]) -> tuple[Index | None, str]:
     """Return the rows (N,) in the order of their times, ISO 8601 or numbers; None if unknown.
 
-    With the reason in words, empty if known. Equal times keep the order of rows.
+    With the reason in words, empty if known. Equal times keep the order of rows, and so do those
+    of a clock that was set back by an hour.
     """
-    seconds, lacking = times_s(times)
+    seconds, lacking = steady_times_s(times)
     return None if seconds is None else np.argsort(seconds, kind="stable"), lacking
 
 
@@ -94,6 +98,34 @@ def times_s(times: Sequence[str]) -> tuple[Array | None, str]:
             if np.isfinite(values).all():
                 return values, ""
     return None, "times are not all of ISO 8601, all with a zone or all without, nor all numbers"
+
+
+def steady_times_s(times: Sequence[str]) -> tuple[Array | None, str]:
+    """Return times in the order of rows as `times_s` does, as a clock shows that is never set back.
+
+    An hour is added behind the row after which a clock without a zone was an hour behind.
+    """
+    seconds, lacking = times_s(times)
+    if seconds is not None and (row := set_back_before(times)) is not None:
+        seconds = seconds + HOUR_S * (np.arange(len(seconds)) >= row)
+    return seconds, lacking
+
+
+def set_back_before(times: Sequence[str]) -> int | None:
+    """Return the first row that a clock timed after it was set back by an hour; None for no such.
+
+    Such times have no zone, and go back once in the order of rows, by an hour but for a pause.
+    """
+    # At the end of summer time local clocks show the same hour twice. The order of rows is evidence
+    # too: rows in another order go back more often, or by any time. Numbers are no local times.
+    with suppress(ValueError, OverflowError):
+        if not all(times) or any(datetime.fromisoformat(text).tzinfo for text in times):
+            return None
+        steps_s = np.diff(_moments(times))
+        back = np.flatnonzero(steps_s < 0.0)
+        if len(back) == 1 and -HOUR_S <= steps_s[back[0]] <= LONGEST_PAUSE_S - HOUR_S:
+            return int(back[0]) + 1
+    return None
 
 
 def _numbers(times: Sequence[str]) -> list[float]:

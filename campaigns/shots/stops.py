@@ -18,7 +18,7 @@ from campaigns.arrays import Array, Index
 from campaigns.kinematics.axes import Axis
 from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, ShotSet
 from campaigns.shots.shots import AT_REST_RAD, TAKEN_UP_RAD, Shots
-from campaigns.shots.shots_csv import times_s
+from campaigns.shots.shots_csv import steady_times_s
 
 AVERAGED = (ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
 """Sets in which samples of one stop are one shot."""
@@ -131,7 +131,7 @@ def _pauses(shots: Shots, order: Index, starts: Index) -> list[int]:
     A pause is long for the robot, and for this series: as long as between different stops in the
     median, or far longer than between samples.
     """
-    seconds, _ = times_s([shots.measured_utc[row] for row in order.tolist()])
+    seconds, _ = steady_times_s([shots.measured_utc[row] for row in order.tolist()])
     if seconds is None:
         return []
     gaps_s, is_start = np.diff(seconds), np.zeros(len(order), dtype=np.bool_)

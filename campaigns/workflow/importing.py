@@ -49,7 +49,7 @@ from campaigns.shots.observations_csv import ObservationRow, require_measured
 from campaigns.shots.point_words import LengthUnit
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_rows
-from campaigns.shots.shots_csv import ShotRow, time_order
+from campaigns.shots.shots_csv import ShotRow, set_back_before, time_order
 from campaigns.shots.stops import averaged_in_words
 from campaigns.workflow import validation
 from campaigns.workflow.checking import digest_to_check, record_check
@@ -369,12 +369,18 @@ def replaced_import(
 def _order(rows: Sequence[ShotRow], terms: ImportTerms) -> Index | None:
     """Return the rows' order of time, (N,), or None if it is that of the file; report which."""
     name, tell = terms.name, terms.tell
-    order, lacking = time_order([row.time or "" for row in rows])
+    times = [row.time or "" for row in rows]
+    order, lacking = time_order(times)
     if order is None:
         tell(f"{name}: {lacking}: the order of rows is taken as the order of time")
     elif (late := np.flatnonzero(np.diff(order) < 0)).size:
         first, second = order[late[0] : late[0] + 2].tolist()
         tell(f"{name}: sorted by time: shot {first} was measured before shot {second}")
+    if (row := set_back_before(times)) is not None:
+        tell(
+            f"{name}: times go back once, from {times[row - 1]} at shot {row - 1} to {times[row]}, "
+            "as a clock's at the end of summer time: the order of rows is kept"
+        )
     sessions = np.array([row.session for row in rows])
     if np.ptp(sessions):
         # stations of the tracker one after the other; a stable sort keeps the order within each

@@ -22,7 +22,14 @@ from campaigns.shots.import_export import (
 )
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
-from campaigns.shots.shots_csv import ShotRow, parse_shots, shots_text, time_order
+from campaigns.shots.shots_csv import (
+    ShotRow,
+    parse_shots,
+    set_back_before,
+    shots_text,
+    steady_times_s,
+    time_order,
+)
 
 SERIES = ImportedSeries(ROBOT.digest(), {})
 COVARIANCE_MM2 = ((1e-4, 1e-5, 0.0), (1e-5, 2e-4, 0.0), (0.0, 0.0, 3e-4))
@@ -194,3 +201,38 @@ def test_sides_of_the_joints_are_read_kept_and_come_back_out(tmp_path: Path) -> 
     assert [row.approach for row in again] == [row.approach for row in told]
     with pytest.raises(ShotsInvalid, match="q0_approach is '2'"):
         parse_shots(text.replace(",1,-1,0,1", ",2,-1,0,1"), "x", ROBOT.mechanism)
+
+
+NIGHT = ("2026-10-25T02:40:00", "2026-10-25T02:59:20", "2026-10-25T02:15:00", "2026-10-25T02:34:00")
+
+
+@pytest.mark.parametrize(
+    ("times", "row"),
+    [
+        (NIGHT, 2),
+        (("2026-11-01T01:58:00", "2026-11-01T01:59:00", "2026-11-01T01:00:00"), 2),
+        (("2026-04-05T02:30:00", "2026-04-05T01:45:00", "2026-04-05T03:00:00"), 1),
+    ],
+)
+def test_times_of_a_clock_that_was_set_back_by_an_hour_keep_the_order_of_rows(times, row):
+    assert set_back_before(times) == row
+    order, _ = time_order(times)
+    assert order.tolist() == [*range(len(times))]
+    seconds, _ = steady_times_s(times)
+    assert (np.diff(seconds) > 0.0).all()
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        [f"{time}+02:00" for time in NIGHT],
+        NIGHT[::-1],
+        (NIGHT[2], *NIGHT[:2]),
+        ("2026-10-25T02:40:00", "2026-10-25T02:30:00"),
+        ("2026-10-25T12:40:00", "2026-10-25T02:30:00"),
+        ("5000", "2000", "2500"),
+        ("", *NIGHT[1:]),
+    ],
+)
+def test_other_times_are_those_of_no_clock_that_was_set_back(times):
+    assert set_back_before(times) is None

@@ -70,6 +70,25 @@ class TestByName:
         assert "2 points without joints (A::Main::p2, A::Nest::p4)" in said
         assert "did you mean p2?" in said
 
+    @pytest.mark.parametrize(
+        ("header", "cells"),
+        [
+            (",x,y,z", "{0},{1},2,3"),
+            ("Object Name,x,y,z", "{0},{1},2,3"),
+            ("no,x,y,z,Merkmal", "7{1},{1},2,3,{0}"),
+            ("x,y,z,mark,again", "{1},2,3,{0},{0}x"),
+        ],
+    )
+    def test_the_column_that_has_the_joints_names_is_the_name(self, join, header, cells):
+        rows = [cells.format(f"p{number}", number) for number in (4, 3, 2, 1)]
+        shots, said = join("\n".join([header, *rows]), JOINTS)
+        assert [shot.point_in_tracker_mm[0] for shot in shots] == [1.0, 2.0, 3.0, 4.0]
+        assert "names by column '" in said[-1]
+
+    def test_of_two_columns_with_the_joints_names_none_is_chosen(self, complaint):
+        rows = [f"p{number},p{number},{number},2,3" for number in (1, 2, 3, 4)]
+        assert "have no names" in complaint("\n".join(["a,b,x,y,z", *rows]), JOINTS)
+
     def test_what_has_no_names_is_to_be_joined_by_order(self, complaint):
         text = complaint("1.0 2.0 3.0\n", JOINTS)
         assert "points.txt: the points have no names" in text

@@ -228,12 +228,88 @@ class TestHeaders:
         assert "not used: '2σ X'" in notes(text)
 
     def test_uncertainty_of_zero_and_time_that_cannot_be_read_are_noted(self):
-        text = "x,y,z,σx,σy,σz,time\n1,2,3,.1,.1,.1,7\n1,2,4,.1,0,.1,noon\n"
+        text = "x,y,z,σx,σy,σz,time\n1,2,3,.1,.1,.1,7\n1,2,4,.1,-.1,.1,noon\n"
         points, said = read(text).points, read(text).notes
         assert [point.covariance_mm2 for point in points] == [None, None]
         assert [point.time for point in points] == [None, None]
         assert any("points.txt:3: an uncertainty is not above zero" in note for note in said)
         assert any("points.txt:3: time 'noon' cannot be read" in note for note in said)
+
+    @pytest.mark.parametrize(
+        ("rows", "std"),
+        [
+            ("1;2;3;.012;0;.013", 0.0005),
+            ("1;2;3;0.00;0.02;0.03", 0.005),
+            ("1;2;3;1;0;2\n4;5;6;1.5;1;1", 0.05),
+        ],
+    )
+    def test_uncertainty_printed_as_zero_is_half_of_the_last_digit(self, rows, std):
+        text = f"X;Y;Z;σX;σY;σZ\n{rows}\n"
+        point = read(text).points[0]
+        assert min(point.covariance_mm2[i][i] for i in range(3)) == pytest.approx(std**2)
+        said = f"points.txt: 1 uncertainty of 0 is taken as half of a last digit, {std:g} mm"
+        assert said in notes(text)
+
+    @pytest.mark.parametrize("rows", ["1;2;3;0.000;0.000;0.000", "1;2;3;5;0;5"])
+    def test_a_row_of_zeros_and_a_zero_without_decimals_state_no_uncertainty(self, rows):
+        text = f"X;Y;Z;σX;σY;σZ\n{rows}\n"
+        assert read(text).points[0].covariance_mm2 is None
+        assert "an uncertainty is not above zero: none of them is used" in notes(text)
+
+    @pytest.mark.parametrize(
+        "header",
+        [
+            "Punkt;X-Koordinate [mm];Y-Koordinate [mm];Z-Koordinate [mm]",
+            "nom;X mesuré (mm);Y mesuré (mm);Z mesuré (mm)",
+            "field.name;field.point.x_mm;field.point.y_mm;field.point.z_mm",
+            "点;X坐标(mm);Y坐标(mm);Z坐标(mm)",
+            "Name;Spalte x mm;Spalte y mm;Spalte z mm",
+        ],
+    )
+    def test_headings_alike_but_for_the_axis_are_coordinates_in_any_language(self, header):
+        points = read(f"{header}\np1;1;2;3\np2;4;5;6\n", unit=None)
+        assert [point.point_mm for point in points.points] == [(1.0, 2.0, 3.0), (4.0, 5.0, 6.0)]
+        assert points.unit == "mm"
+
+    @pytest.mark.parametrize(
+        "header",
+        [
+            "Name;RotX;RotY;RotZ",
+            "Name;X alt;Y alt;Z alt;X neu;Y neu;Z neu",
+            "Name;X [furlong];Y [furlong];Z [furlong]",
+        ],
+    )
+    def test_alike_headings_of_other_quantities_or_of_several_sets_are_refused(self, header):
+        row = ";".join(["p1", *map(str, range(header.count(";")))])
+        assert "points.txt:1: " in complaint(f"{header}\n{row}\n")
+
+    def test_beside_a_set_that_is_understood_no_other_counts(self):
+        text = "Name;X;Y;Z;Abweichung X;Abweichung Y;Abweichung Z\np1;1;2;3;4;5;6\n"
+        assert found(text)["p1"] == (1.0, 2.0, 3.0)
+
+    def test_of_sets_in_an_unknown_language_the_measured_one_is_chosen(self):
+        header = ";".join(f"{axis} Wert {kind}" for kind in ("Soll", "Ist") for axis in "XYZ")
+        text = f"Name;{header}\np1;1;2;3;4;5;6"
+        assert found(text, coordinates="actual")["p1"] == (4.0, 5.0, 6.0)
+        assert "--coordinates actual or nominal" in complaint(text)
+
+    @pytest.mark.parametrize(
+        "line",
+        [
+            "Cnt=1  X= 2081.434 Y=  156.993 Z= -892.511 RotX=    1.530",
+            "x=2081.434,y=156.993,z=-892.511",
+            "X: 2081.434; Y: 156.993; Z: -8.92511e+02",
+            "name=P1 X=2081.434 Y=156.993 Z=-892.511 at=12:30",
+        ],
+    )
+    def test_words_before_values_are_the_header(self, line):
+        points = read(f"Pos 1\n{line}\n{line.replace('Cnt=1', 'Cnt=2').replace('P1', 'P2')}\n")
+        assert {point.point_mm for point in points.points} == {(2081.434, 156.993, -892.511)}
+        assert len(points.points) == 2
+
+    def test_rows_of_other_words_are_named(self):
+        said = complaint("X=1 Y=2 Z=3\nX=1 Y=2\n")
+        assert said.startswith("points.txt:2: ")
 
 
 class TestNotations:
@@ -253,6 +329,12 @@ class TestNotations:
     )
     def test_decimal_sign_given_is_used(self, line, decimal, point):
         assert found(f"{line}\n", decimal=decimal)["p1"] == point
+
+    @pytest.mark.parametrize(
+        "line", ["p1 \N{MINUS SIGN}2.5 30 1.5", "p1;-2.5;3.0D+01;15D-01", '"p1","-2.5","30","1.5"']
+    )
+    def test_signs_of_other_programs_are_read(self, line):
+        assert found(f"{line}\n")["p1"] == (-2.5, 30.0, 1.5)
 
     def test_number_of_the_other_notation_is_refused(self):
         assert "x is '2000.5'" in complaint("p1;2000.5;1,5;2,5\n", decimal="comma")
