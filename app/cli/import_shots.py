@@ -180,8 +180,9 @@ def command(
     campaign.yaml, without joints.
 
     Shots that cannot be from this robot are refused with the cause: points in another unit or in a
-    mirrored frame, joints in radians or with another sign or order, a point farther from where the
-    nominal robot puts it than gate.distance_mm in campaign.yaml.
+    mirrored frame, joints with another sign, order, zero or factor, a tracker that stood elsewhere
+    from some shot on, a point farther from where the nominal robot puts it than gate.distance_mm in
+    campaign.yaml.
 
     A point export of tracker software (SpatialAnalyzer, OpenIndy, Leica) is read together with
     --joints, a file with the joints of each point. The export's header states columns, unit,

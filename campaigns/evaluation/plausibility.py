@@ -4,27 +4,41 @@ A fit cannot distinguish points in metres from a robot a thousand times smaller,
 agree, being in the same unit. Only the nominal robot contradicts it: its positions at the recorded
 joints must be the measured points up to a rigid motion, nearly so even before any fit.
 
-If they are not, the shots are tried in every way in which people get such files wrong: joints in
-radians, of the other sign or in another order; the reflector on the other half of the plate; the
-frame mirrored; lengths in another unit. Each reading has a cost, the misfit that is left after the
-best similarity (rigid motion and scale), in parts of the points' spread. A reading that fits far
-better than what is written names the cause, with a remedy. Where the robot's symmetry lets several
-readings fit alike, the tracker's rough place decides, or they are all named.
+If they are not, causes are fitted, the simplest first, and one is named only if no more remains
+then than with shots that were read rightly:
 
-A few gross errors among the shots must not decide: every fit is of the four fifths that agree best.
+1. another reading: unit, mirrored frame, half of the plate, radians, signs or order of the joints
+   (`readings`). Where the robot's symmetry lets several fit alike, the tracker's rough place
+   decides, or they are all named;
+2. a tracker that stood elsewhere from some shot on: two rigid pieces fit, one does not;
+3. another scale of lengths, and an affine map for each joint: factor and zero (`joint_maps`).
+
+Zeros, factors and scales that are less than wrong are for the fit itself to find.
 """
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
-from itertools import combinations, permutations, product
+from itertools import product
 
 import numpy as np
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
-from campaigns.fit.rigid_transforms import best_rotation, fit_transform
+from campaigns.evaluation.joint_maps import map_in_words, simplest_map
+from campaigns.evaluation.readings import (
+    COLUMNS,
+    FEWEST_SHOTS,
+    MIRRORED,
+    Causes,
+    Reading,
+    each_reading,
+    greater_part,
+    halves,
+    joint_readings,
+    joint_words,
+    similarity,
+    similarity_fit,
+)
 from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import ParameterTable
 from campaigns.robots.schema import Tolerance
@@ -32,76 +46,23 @@ from campaigns.shots.point_words import MM_PER_UNIT, LengthUnit
 from campaigns.shots.shots import Shots
 from drivers.values import DISTANCE, JOINT_ANGLE, PART_TEMPERATURE, SIGMA, TEMPERATURE, Vector3
 
-UNITS: Mapping[LengthUnit, str] = {
-    "mm": "millimetres",
-    "m": "metres",
-    "cm": "centimetres",
-    "inch": "inches",
-    "ft": "feet",
-    "um": "micrometres",
-}
-MIRRORED = ("the frame of the points is mirrored", "turn the sign of one coordinate, such as z")
-COLUMNS = "correct the columns of the joints"
-
-FEWEST_SHOTS = 5
-"""Shots below which a frame explains nearly everything."""
 SHOTS_TO_TRY = 24
 """Shots by which other readings are tried: hundreds of readings of all shots would take long."""
-JUDGED_SHARE = 0.8
-"""Share of the shots by which a fit is judged, so that a few gross errors do not decide."""
-TRIMMING_ROUNDS = 5
 LINE_SPREAD = 0.02
 """Points whose second spread is below this part of the first lie on a line: no frame."""
 PLAUSIBLE_MISFIT = 0.06
 """Misfit in parts of the points' spread: robots with lengths off by 10 mm and joints by 5° stay
 below it, and one of the wrong order of joints is above."""
-BETTER_BY = 0.6
+MUCH_BETTER = 0.6
 """Ratio of misfits below which another reading is the cause."""
-AS_GOOD_WITHIN = 1.2
-"""Readings this near to the best are named too, unless the tracker's place excludes them."""
+RIGHT_MISFIT = MUCH_BETTER * PLAUSIBLE_MISFIT
+"""Misfit of shots that are read rightly, up to which a cause explains them without doubt."""
 IMPOSSIBLE_MISFIT = 0.3
-"""Misfit that no robot of this kind has, whatever the cause."""
-MOST_IN_ANY_ORDER = 4
-"""Joints up to which every order is tried."""
+"""Misfit that no robot of this kind has: below it the robot may be far off its drawing."""
 NEARER_BY = 0.3
 """Ratio of distances from the stated place below which the nearer of two places is right."""
 ROUGH_PLACE_MM = 1000.0
 """Error of a rough place of the tracker: below it the place is not contradicted."""
-
-Causes = tuple[tuple[str, str], ...]
-"""What is different from how it is written: causes in words, each with its remedy."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Reading:
-    """Way in which joints and points may have been meant."""
-
-    causes: Causes
-    cost: float
-    """Misfit, with the logarithm of the scale that no unit explains and the share of lost shots."""
-    positions_mm: Array
-    """Modelled positions at the joints so read, (M, 3), in the base frame."""
-    points_mm: Array
-    """Measured points so read, (M, 3), in the tracker's frame."""
-
-    @property
-    def words(self) -> str:
-        """The causes."""
-        return " and ".join(cause for cause, _ in self.causes)
-
-    @property
-    def remedy(self) -> str:
-        """Remedy for each cause."""
-        return "; ".join(remedy for _, remedy in self.causes)
-
-    @property
-    def tracker_mm(self) -> Array:
-        """The tracker's place (3,) in the base frame; NaN if the points lie on a line."""
-        with suppress(ValueError):
-            rows = _greater_part(self.positions_mm, self.points_mm, scaled=False)
-            fitted = fit_transform(self.positions_mm[rows], self.points_mm[rows])
-            return fitted.inverted().translation_mm
-        return np.full(3, np.nan)
 
 
 def beyond_tolerance(
@@ -145,11 +106,16 @@ def check_distances(nominal: Kinematics, shots: Shots, limit_mm: float, where: s
     if len(rows) < FEWEST_SHOTS:
         return
     positions, points = nominal.points(modelled.values[rows]), shots.points_in_tracker_mm[rows]
-    part = _greater_part(positions, points, scaled=False)
-    _, residuals = _similarity(positions, points, part, scaled=False)
+    part = greater_part(positions, points, scaled=False)
+    _, residuals = similarity(positions, points, part, scaled=False)
     off_mm = np.linalg.norm(residuals, axis=1)
     worst = int(np.argmax(off_mm))
     if off_mm[worst] > limit_mm:
+        # what holds for many shots is no error of this one
+        _check_stations(nominal, shots, where)
+        spread = np.linalg.norm(points[part] - points[part].mean(axis=0))
+        if np.linalg.norm(residuals[part]) > PLAUSIBLE_MISFIT * spread:
+            _check_maps(nominal, shots.rows(_to_try(len(shots))), where)
         raise ShotsInvalid(
             f"{where}: shot {shots.numbers[rows[worst]]}: its point is {off_mm[worst]:.0f} mm from "
             f"where the nominal robot puts it, limit {limit_mm:g} mm",
@@ -199,65 +165,130 @@ def _check_reading(
     """Raise `ShotsInvalid` where another reading fits far better, or what is written not at all."""
     # 1. Compare the places of the reflector, with all else as it is written.
     # 2. If what is written fits, only the tracker's place can contradict it.
-    # 3. Otherwise try every reading, on some of the shots, and name those that fit far better.
+    # 3. Otherwise fit causes to some of the shots, and name the simplest that explain them.
     # 4. In between the shots pass: a robot that is far off its drawing is what the fit is for.
     points = shots.points_in_tracker_mm
     if len(points) < FEWEST_SHOTS or _is_line(points):
         return
-    halves = tuple(_halves(nominal))
-    as_written = [next(_readings(*half, {(): shots.joints}, points, unit)) for half in halves]
+    of_halves = tuple(halves(nominal))
+    as_written = [next(each_reading(*half, {(): shots.joints}, points, unit)) for half in of_halves]
     unchanged = as_written[0]
-    _check_crossbar(halves, as_written, where)
+    _check_crossbar(of_halves, as_written, where)
     if unchanged.cost <= PLAUSIBLE_MISFIT:
         if place_mm is not None:
             _check_arms(nominal, shots, where, place_mm, unchanged)
         return
-    rows = np.unique(np.linspace(0, len(points) - 1, SHOTS_TO_TRY).astype(int))
-    joints_by_causes = _joint_readings(nominal, shots.joints[rows])
+    rows = _to_try(len(points))
+    joints_by_causes = joint_readings(nominal, shots.joints[rows])
     tried = [
         reading
-        for half in halves
-        for reading in _readings(*half, joints_by_causes, points[rows], unit)
+        for half in of_halves
+        for reading in each_reading(*half, joints_by_causes, points[rows], unit)
     ]
     best_cost = min(reading.cost for reading in tried)
-    if best_cost <= BETTER_BY * unchanged.cost and best_cost <= IMPOSSIBLE_MISFIT:
+    is_better = best_cost <= min(MUCH_BETTER * unchanged.cost, PLAUSIBLE_MISFIT)
+    if is_better and best_cost <= RIGHT_MISFIT:
+        raise _refusal_by(_best_readings(tried, place_mm), where)
+    _check_stations(nominal, shots, where)
+    if unchanged.cost > IMPOSSIBLE_MISFIT:
+        _check_maps(nominal, shots.rows(rows), where)
+    if is_better:
         raise _refusal_by(_best_readings(tried, place_mm), where)
     if unchanged.cost > IMPOSSIBLE_MISFIT:
         raise ShotsInvalid(
-            f"{where}: the points do not follow the joints: after the best fit "
-            f"{100.0 * min(unchanged.cost, 9.99):.0f} % of their spread is left, limit "
-            f"{100.0 * IMPOSSIBLE_MISFIT:.0f} %",
-            remedy="look at the order of rows, the order and signs of joints, and whether "
-            "this is the robot of robot.yaml",
+            f"{where}: the points do not follow the joints, and no simple cause explains them: "
+            f"after the best fit {100.0 * min(unchanged.cost, 9.99):.0f} % of their spread is "
+            f"left, limit {100.0 * IMPOSSIBLE_MISFIT:.0f} %",
+            remedy="look at the order of rows, and whether this is the robot of robot.yaml",
         )
+
+
+def _to_try(count: int) -> Index:
+    """Return rows all over the shots, by which causes are tried."""
+    return np.unique(np.linspace(0, count - 1, SHOTS_TO_TRY).astype(np.intp))
+
+
+def _check_stations(nominal: Kinematics, shots: Shots, where: str) -> None:
+    """Raise `ShotsInvalid` where two rigid pieces of the shots fit, but one does not."""
+    # Every border between the pieces is tried, in the order of time, for the sum of their squares.
+    order = shots.order_of_time()
+    modelled = nominal.forward(shots.joints[order])
+    rows = np.flatnonzero(modelled.is_solved)
+    positions, points = (
+        nominal.points(modelled.values[rows]),
+        shots.points_in_tracker_mm[order[rows]],
+    )
+    borders = range(FEWEST_SHOTS, len(rows) - FEWEST_SHOTS + 1)
+    if not borders:
+        return
+
+    def misfit(border: int) -> float:
+        """Return the misfit of two pieces in parts of the spread of each."""
+        residuals, spreads = 0.0, 0.0
+        for piece in (slice(None, border), slice(border, None)):
+            measured = points[piece]
+            within = np.arange(len(measured))
+            _, of_piece = similarity(positions[piece], measured, within, scaled=False)
+            residuals += float(np.sum(of_piece**2))
+            spreads += float(np.sum((measured - measured.mean(axis=0)) ** 2))
+        return math.sqrt(residuals / spreads) if spreads > 0.0 else math.inf
+
+    border = min(borders, key=misfit)
+    if misfit(border) > RIGHT_MISFIT:
+        return
+    last, first = (shots.numbers[order[rows[row]]] for row in (border - 1, border))
+    raise ShotsInvalid(
+        f"{where}: two rigid pieces fit the points, one does not: the tracker stood elsewhere from "
+        f"shot {first} on",
+        remedy=f"add a column session, 1 up to shot {last} and 2 from shot {first} on, and "
+        "identify --sessions",
+    )
+
+
+def _check_maps(nominal: Kinematics, shots: Shots, where: str) -> None:
+    """Raise `ShotsInvalid` where a scale of lengths or affine maps of the joints explain shots."""
+    points = shots.points_in_tracker_mm
+    modelled = nominal.forward(shots.joints)
+    if np.count_nonzero(modelled.is_solved) >= FEWEST_SHOTS:
+        solved = modelled.is_solved
+        scale, misfit = similarity_fit(nominal.points(modelled.values[solved]), points[solved])
+        if misfit <= RIGHT_MISFIT:
+            raise ShotsInvalid(
+                f"{where}: distances between the points are {scale:.3g} times those of the nominal "
+                "robot",
+                remedy="correct the lengths in robot.yaml, or the unit of the points",
+            )
+    best = simplest_map(nominal, shots.joints, points, RIGHT_MISFIT)
+    if best is not None:
+        cause, remedy = map_in_words(best, nominal.mechanism.joints)
+        raise ShotsInvalid(f"{where}: {cause}", remedy=remedy)
 
 
 # The middle of a crossbar and its halves differ by less than any other causes do: a wrong one may
 # stay below the plausible misfit, so it is looked for first.
 def _check_crossbar(
-    halves: Sequence[tuple[Causes, Kinematics]], as_written: Sequence[Reading], where: str
+    of_halves: Sequence[tuple[Causes, Kinematics]], as_written: Sequence[Reading], where: str
 ) -> None:
     """Raise `ShotsInvalid` where a half of a crossbar was taken for its middle, or the reverse.
 
-    `as_written` are the readings of the robots in `halves`, the first as its file has it.
+    `as_written` are the readings of the robots in `of_halves`, the first as its file has it.
     """
-    (_, nominal), unchanged = halves[0], as_written[0]
+    (_, nominal), unchanged = of_halves[0], as_written[0]
     costs = [reading.cost for reading in as_written]
     place = costs.index(min(costs))
-    _, robot = halves[place]
+    _, robot = of_halves[place]
     is_middle = [model.mechanism.is_between_halves for model in (nominal, robot)]
     best = as_written[place]
-    if best.cost <= min(BETTER_BY * unchanged.cost, PLAUSIBLE_MISFIT) and any(is_middle):
+    if best.cost <= min(MUCH_BETTER * unchanged.cost, PLAUSIBLE_MISFIT) and any(is_middle):
         raise _refusal_by([best], where)
 
 
 def _best_readings(tried: Sequence[Reading], place_mm: Vector3 | None) -> list[Reading]:
     """Return the readings that fit best with the fewest causes, by the tracker's place if it can.
 
-    Below half a plausible misfit differences are those of the robot, not of the readings.
+    Differences up to the misfit of right readings are those of the robot, not of the readings.
     """
-    best_cost = min(reading.cost for reading in tried)
-    limit = AS_GOOD_WITHIN * max(best_cost, 0.5 * PLAUSIBLE_MISFIT)
+    limit = max(RIGHT_MISFIT, min(reading.cost for reading in tried))
     alike = [reading for reading in tried if reading.causes and reading.cost <= limit]
     fewest = min(len(reading.causes) for reading in alike)
     return _nearest_to(place_mm, [reading for reading in alike if len(reading.causes) == fewest])
@@ -292,62 +323,6 @@ def _is_line(points: Array) -> bool:
     return bool(spread[1] <= LINE_SPREAD * spread[0])
 
 
-def _halves(nominal: Kinematics) -> Iterator[tuple[Causes, Kinematics]]:
-    """Yield the robot as its file says, then with the reflector on other parts of the plate."""
-    yield (), nominal
-    for half in nominal.mechanism.halves:
-        seen = nominal.mechanism.seen_from(half)
-        cause = "the reflector seems to be in the middle of the crossbar"
-        remedy = "delete reflector_half in robot.yaml"
-        if half is not None:
-            cause = f"the reflector seems to be on half {half} of the plate"
-            remedy = f"say reflector_half: {half} in robot.yaml"
-        yield ((cause, remedy),), replace(nominal, mechanism=seen)
-
-
-def _joint_readings(nominal: Kinematics, joints: Array) -> dict[Causes, Array]:
-    """Return joints (N, n) as they may be meant: in radians, of other signs, in another order."""
-    # All signs in the written order, and all orders with all signs alike. Every sign in every
-    # order would multiply the readings: 384 instead of 64 for four joints.
-    # Joints given in radians were read as degrees and are too small by 180/π: np.degrees undoes it.
-    axes = nominal.mechanism.joints
-    meant: dict[Causes, Array] = {(): joints}
-    turns = np.array([axis.is_revolute for axis in axes])
-    if turns.any():
-        cause = ("the joints look like radians", "give the joints in degrees")
-        meant[cause,] = np.where(turns, np.degrees(joints), joints)
-    as_written, signs = tuple(range(len(axes))), [*product((1.0, -1.0), repeat=len(axes))]
-    uniform_signs = (signs[0], signs[-1])
-    kinds = [axis.kind for axis in axes]
-    # a column's name has its unit, so that no one takes one kind of joint for the other
-    orders = [
-        (order, sign)
-        for order in _orders(len(axes))
-        for sign in uniform_signs
-        if [kinds[place] for place in order] == kinds
-    ]
-    for order, sign in (*((as_written, sign) for sign in signs), *orders):
-        if words := " and ".join(_joint_words(order, sign)):
-            meant[(words, COLUMNS),] = joints[:, order] * np.array(sign)
-    return meant
-
-
-# Six joints have 720 orders, which take half a minute to try. People swap two columns, or number
-# the joints from another one on or the other way around: 26 orders.
-def _orders(count: int) -> Iterator[tuple[int, ...]]:
-    """Yield the orders in which joints may stand: all of them of up to four joints."""
-    as_written = tuple(range(count))
-    if count <= MOST_IN_ANY_ORDER:
-        yield from permutations(as_written)
-        return
-    for first, second in combinations(as_written, 2):
-        swapped = [*as_written]
-        swapped[first], swapped[second] = second, first
-        yield tuple(swapped)
-    for way in (as_written, as_written[::-1]):
-        yield from (way[begin:] + way[:begin] for begin in as_written)
-
-
 def _check_arms(
     nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3, unchanged: Reading
 ) -> None:
@@ -364,11 +339,11 @@ def _check_arms(
         return
     # A platform of two parts comes back to itself after half a turn only.
     turns = (arms // 2,) if nominal.mechanism.halves else range(1, arms)
-    for step, (on_half, robot) in product(turns, _halves(nominal)):
+    for step, (on_half, robot) in product(turns, halves(nominal)):
         order = tuple((arm - step) % arms for arm in range(arms))
-        words = " and ".join(_joint_words(order, (1.0,) * arms))
+        words = " and ".join(joint_words(order, (1.0,) * arms))
         meant: dict[Causes, Array] = {((words, COLUMNS),): shots.joints[:, order]}
-        moved = next(_readings(on_half, robot, meant, shots.points_in_tracker_mm, "mm"))
+        moved = next(each_reading(on_half, robot, meant, shots.points_in_tracker_mm, "mm"))
         moved_off_mm = math.dist(moved.tracker_mm, place_mm)
         if moved.cost <= PLAUSIBLE_MISFIT and moved_off_mm <= NEARER_BY * off_mm:
             x, y, z = found_mm.tolist()
@@ -378,107 +353,3 @@ def _check_arms(
                 f"{360 * step // arms}° about the robot's axis",
                 remedy=f"correct tracker.place_mm; if that is right, {moved.words}: {moved.remedy}",
             )
-
-
-def _joint_words(order: tuple[int, ...], sign: tuple[float, ...]) -> Iterator[str]:
-    if order != tuple(range(len(order))):
-        yield f"the joints seem to stand in the order {', '.join(f'q{q}' for q in order)}"
-    if max(sign) < 0.0:
-        yield "all joints seem to have the other sign"
-    elif min(sign) < 0.0:
-        wrong = ", ".join(f"q{place}" for place, factor in enumerate(sign) if factor < 0.0)
-        yield f"the sign of {wrong} seems to be turned"
-
-
-def _readings(
-    on_half: Causes,
-    robot: Kinematics,
-    meant: Mapping[Causes, Array],
-    points: Array,
-    unit: LengthUnit,
-) -> Iterator[Reading]:
-    """Yield each way to read the file: joints (N, n) by causes, with each unit, mirrored and not.
-
-    The first reading takes the points as they are written.
-    """
-    # 1. Solve the forward model for all readings of the joints in one stack: that is most of the
-    #    time.
-    # 2. Shots that the robot cannot take by a reading add up to 0.5 to its cost. A reading with
-    #    fewer than five shots left is no candidate.
-    # 3. Read the points as they are and mirrored, each in the written unit and in the likeliest.
-    solution = robot.forward(np.concatenate([*meant.values()]))
-    positions_by_causes = np.split(robot.points(solution.values), len(meant))
-    is_solved_by_causes = np.split(solution.is_solved, len(meant))
-    for of_joints, positions, is_solved in zip(
-        meant, positions_by_causes, is_solved_by_causes, strict=True
-    ):
-        causes, reached, seen = (*on_half, *of_joints), positions[is_solved], points[is_solved]
-        if len(seen) < FEWEST_SHOTS:
-            yield Reading(causes, math.inf, reached, seen)
-            continue
-        cost_of_lost = 0.5 * (1.0 - len(seen) / len(points))
-        mirrored = seen * np.array([1.0, 1.0, -1.0])
-        for of_frame, measured in (((), seen), ((MIRRORED,), mirrored)):
-            for reading in _readings_by_unit(reached, measured, unit):
-                yield replace(
-                    reading,
-                    causes=(*causes, *of_frame, *reading.causes),
-                    cost=reading.cost + cost_of_lost,
-                )
-
-
-# A scale is explained by the nearest unit, at the price of one more cause; the logarithm of what no
-# unit explains adds to the misfit. Factors 2 and ½: lengths doubled or halved.
-def _readings_by_unit(positions: Array, points: Array, unit: LengthUnit) -> Iterator[Reading]:
-    """Yield the reading of points (M, 3) in their unit, and that in the unit nearest to the fit."""
-    factors = [MM_PER_UNIT[unit] / MM_PER_UNIT[right] for right in UNITS] + [2.0, 0.5]
-    scale, misfit = _similarity_fit(positions, points)
-    nearest = min(factors, key=lambda factor: abs(math.log(scale / factor)))
-    for factor in dict.fromkeys((1.0, nearest)):
-        causes = () if factor == 1.0 else (_unit_cause(factor, unit),)
-        cost = math.hypot(misfit, math.log(scale / factor))
-        yield Reading(causes, cost, positions, points / factor)
-
-
-def _unit_cause(factor: float, unit: LengthUnit) -> tuple[str, str]:
-    """Return cause and remedy of points that are too large by a factor, read in a unit."""
-    for right, words in UNITS.items():
-        if MM_PER_UNIT[unit] / MM_PER_UNIT[right] == factor:
-            return f"the points look like {words}, not {unit}", f"import with --unit {right}"
-    cause = f"distances between the points are {factor:g} times those of the nominal robot"
-    return cause, "give lengths as measured, neither doubled nor halved"
-
-
-def _similarity_fit(modelled: Array, measured: Array) -> tuple[float, float]:
-    """Return the scale of the best similarity with the greater part of the points, and its misfit.
-
-    The misfit is the root mean square residual in parts of the points' spread.
-    """
-    rows = _greater_part(modelled, measured, scaled=True)
-    scale, residuals = _similarity(modelled, measured, rows, scaled=True)
-    size = float(np.linalg.norm(measured[rows] - measured[rows].mean(axis=0)))
-    return scale, float(np.linalg.norm(residuals[rows])) / size if size > 0.0 else math.inf
-
-
-def _greater_part(modelled: Array, measured: Array, *, scaled: bool) -> Index:
-    """Return the rows that fit best together, without the worst ones (trimmed least squares)."""
-    # Fit, keep the rows with the smallest residuals, fit again to these: each round can only lower
-    # the trimmed sum of squares. Rows that were left out may come back.
-    rows = np.arange(len(modelled))
-    keep = max(FEWEST_SHOTS - 1, int(JUDGED_SHARE * len(modelled)))
-    for _ in range(TRIMMING_ROUNDS):
-        _, residuals = _similarity(modelled, measured, rows, scaled=scaled)
-        rows = np.sort(np.argsort(np.linalg.norm(residuals, axis=1), kind="stable")[:keep])
-    return rows
-
-
-def _similarity(
-    modelled: Array, measured: Array, rows: Index, *, scaled: bool
-) -> tuple[float, Array]:
-    """Return the scale of the best similarity of some rows (Umeyama 1991), and all residuals."""
-    a, b = (points - points[rows].mean(axis=0) for points in (modelled, measured))
-    rotation, spread = best_rotation(a[rows], b[rows])
-    size = float(np.sum(a[rows] ** 2))
-    scale = float(np.sum(spread)) / size if scaled and size > 0.0 else 1.0
-    scale = max(scale, np.finfo(np.float64).tiny)  # its logarithm is taken
-    return scale, np.asarray(b - scale * a @ rotation.T)

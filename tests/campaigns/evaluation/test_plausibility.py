@@ -1,5 +1,6 @@
 """What cannot be a robot's shots is named by its cause, and what robots are like is not."""
 
+import re
 import time
 from dataclasses import replace
 from functools import cache
@@ -11,7 +12,7 @@ from refusals import refusal
 from scipy.spatial.transform import Rotation
 
 from campaigns.errors import ShotsInvalid
-from campaigns.evaluation import plausibility
+from campaigns.evaluation import plausibility, readings
 from campaigns.kinematics.model import Kinematics
 from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.robots.robot import find_robot, pose_of, read_robot
@@ -112,12 +113,97 @@ def test_shots_that_were_read_wrongly_are_refused_by_their_cause(points, joints,
     assert all(cause in said for cause in causes)
 
 
+def check_import(shots, name):
+    """Check shots as `import` does."""
+    nominal = find_robot(name).robot.kinematics
+    plausibility.check_shots(nominal, shots, "shots.csv")
+    plausibility.check_distances(nominal, shots, 60.0, "shots.csv")
+
+
+def read_as(name, readings, shots=None):
+    """The complaint about shots whose joints were written as readings of them."""
+    shots = shots or measured(name)
+    return refusal(ShotsInvalid, check_import, replace(shots, joints=readings(shots.joints)), name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "zeros_deg"),
+    [
+        ("delta", (40.0, 40.0, 40.0)),
+        ("delta", (-90.0, -90.0, -90.0)),
+        ("delta", (60.0, 45.0, 52.0)),
+        ("par4-prototype", (-45.0, -45.0, -45.0, -45.0)),
+    ],
+)
+def test_joints_that_count_from_another_zero_are_told_with_the_zero(name, zeros_deg):
+    said = read_as(name, lambda joints: joints - np.radians(zeros_deg))
+    cause, _, remedy = said.partition("→")
+    stated = [float(zero) for zero in re.findall(r"([+-][\d.]+)°", cause)]
+    assert "the joints seem to count from another zero" in cause
+    assert stated == pytest.approx(zeros_deg, abs=3.0)
+    assert f"write q0_deg {'+' if zeros_deg[0] > 0 else '-'} " in remedy
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "words"),
+    [
+        ("delta", 1.0 / 36.0, "divide q0_deg, q1_deg, q2_deg by 0.027"),
+        (
+            "delta",
+            -2.5,
+            "have the other sign: steps, turns or another unit → divide q0_deg, q1_deg, q2",
+        ),
+        ("linear-delta", 80.0, "times too large: steps, turns or another unit → divide q0_mm"),
+        ("linear-delta", 0.04, "divide q0_mm, q1_mm, q2_mm by 0.0"),
+    ],
+)
+def test_joints_in_another_unit_are_told_with_the_factor(name, factor, words):
+    assert words in read_as(name, lambda joints: factor * joints)
+
+
+@pytest.mark.slow
+def test_joints_in_another_unit_and_from_another_zero_are_told_by_the_line_to_write():
+    said = read_as("delta", lambda joints: 0.2 * joints + 0.3)
+    assert "in another unit and to count from another zero → write " in said
+    assert re.search(r"write (5\.0|4\.9)\d* \* q0_deg - 8[5-7]", said)
+
+
+@pytest.mark.parametrize("name", ["delta", "linear-delta"])
+@pytest.mark.parametrize(("border", "moved_mm"), [(12, 400.0), (25, -900.0), (33, 2000.0)])
+def test_a_tracker_that_stood_elsewhere_is_told_with_the_first_shot(name, border, moved_mm):
+    shots = measured(name)
+    points = shots.points_in_tracker_mm.copy()
+    points[border:] = points[border:] @ Rotation.random(random_state=4).as_matrix().T + moved_mm
+    said = refusal(ShotsInvalid, check_import, replace(shots, points_in_tracker_mm=points), name)
+    first = shots.numbers[border]
+    assert f"the tracker stood elsewhere from shot {first} on → add a column session, 1 up" in said
+    assert "identify --sessions" in said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_what_no_simple_cause_explains_is_told_as_such(seed):
+    shots, rng = measured("delta"), np.random.default_rng(seed)
+    mixed = rng.permutation(shots.joints) if seed else rng.uniform(-1.0, 1.0, shots.joints.shape)
+    said = complaint("delta", replace(shots, joints=mixed))
+    assert "no simple cause explains them" in said
+    assert "seem" not in said
+
+
+def test_a_zero_that_identification_finds_is_no_reason_to_refuse_shots():
+    shots, nominal = measured("delta"), find_robot("delta").robot.kinematics
+    off = replace(shots, joints=shots.joints - np.radians(12.0))
+    plausibility.check_shots(nominal, off, "shots.csv")
+
+
 def test_swapped_joints_are_named_by_the_right_order():
     shots = measured("par4-prototype")
     said = complaint("par4-prototype", replace(shots, joints=shots.joints[:, [1, 0, 2, 3]]))
     assert "the joints seem to stand in the order q1, q0, q2, q3" in said
 
 
+@pytest.mark.slow
 def test_points_of_other_rows_follow_no_joints():
     shots = measured("delta")
     mixed = np.random.default_rng(3).permutation(shots.points_in_tracker_mm)
@@ -253,5 +339,5 @@ def test_columns_of_six_joints_are_told_soon(hexapod, order, signs, said):
 
 
 def test_every_order_of_four_joints_is_tried_and_those_of_unlike_joints_are_not():
-    assert len({*plausibility._orders(4)}) == 24
-    assert len({*plausibility._orders(6)}) == 15 + 12
+    assert len({*readings._orders(4)}) == 24
+    assert len({*readings._orders(6)}) == 15 + 12
