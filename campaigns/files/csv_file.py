@@ -40,6 +40,8 @@ _WHOLE_NUMBER = re.compile(r"\+?(\d{1,18})(?:\.0*)?", re.ASCII)
 SIDES = {"0": 0, "1": 1, "+1": 1, "-1": -1}
 _TEXT_OF_FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """Beginning of a text that a spreadsheet would calculate, with any marks before it."""
+BYTE_ORDER_MARK = "\ufeff"
+"""Beginning by which spreadsheets recognise UTF-8; every reader of ours passes over it."""
 MOST_LINES = 50_000
 """Largest number of lines that are read, more than twice what a campaign can plan."""
 MOST_CHARACTERS = 100_000

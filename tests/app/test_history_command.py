@@ -67,9 +67,13 @@ def test_parameters_of_campaigns_stand_in_a_table_by_date(pkmcal, march, tmp_pat
     for delta, later_deg in zip(deltas, (0.0, 0.04), strict=True):
         assert delta == pytest.approx(true_deg + later_deg, abs=4.0 * max(std))
     rows = list(csv.DictReader(table.read_text(encoding="utf-8").splitlines()))
-    own = [row for row in rows if row["parameter"] == DRIFTING]
-    assert [float(row["Δ"]) for row in own] == pytest.approx(deltas, abs=1e-4)
-    assert len(rows) == 2 * len(epochs[0]["parameters"])
+    (own,) = [row for row in rows if row["parameter"] == DRIFTING]
+    titles = [f"{march.folder} 2026-03-02", f"{folders[0]} 2026-07-02"]
+    assert [float(own[f"{title} delta"]) for title in titles] == pytest.approx(deltas, abs=1e-9)
+    assert [float(own[f"{title} std"]) for title in titles] == pytest.approx(std, abs=1e-9)
+    assert len(rows) == len(epochs[0]["parameters"])
+    pkmcal("history", *folders, "--csv", table, "--excel")
+    assert table.read_bytes().startswith(b"\xef\xbb\xbfparameter,unit,")
     shown = pkmcal("history", *folders).out
     assert "identified minus nominal" in shown
     assert shown.count(DRIFTING) == 2
@@ -83,6 +87,7 @@ def test_campaigns_of_different_robots_are_refused(pkmcal, march, tmp_path, monk
     assert refused.code == 2
     assert "is of another robot" in refused.error_line
     assert "'R-2', not 'R-1'" in refused.error_line
+    assert "add --csv FILE" in pkmcal("history", march.folder, "--excel").error_line
     assert "named twice" in pkmcal("history", other.folder, other.folder).error_line
     # a campaign without a serial number first hides no other robot among the later ones
     unnamed = replace(paper_campaign.CONTROLLER, serial="")
@@ -118,13 +123,13 @@ def test_results_of_an_older_model_are_marked_until_they_are_renewed(pkmcal, tmp
     paper = identified_in(tmp_path / "m8", 8)
     table = tmp_path / "all.csv"
     assert "older model:" not in pkmcal("history", paper.folder, "--csv", table).out
-    assert "model" not in table.read_text(encoding="utf-8")
+    assert "(older model)" not in table.read_text(encoding="utf-8")
     append_finding(paper, "identification", by_older_model(paper))
     shown = pkmcal("history", paper.folder, "--csv", table)
     words = "1: by an older model: figures are not comparable; run `pkmcal identify"
     assert f"{words} {paper.folder}` again" in shown.out
     rows = csv.DictReader(table.read_text(encoding="utf-8").splitlines())
-    assert {row["model"] for row in rows} == {"older"}
+    assert all(" (older model) " in head for head in rows.fieldnames[2:])
     (epoch,) = pkmcal("history", paper.folder, "--json").document["epochs"]
     assert epoch["by_older_model"]
     assert epoch["parameters"], "its figures are still shown"
