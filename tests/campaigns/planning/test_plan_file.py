@@ -52,6 +52,20 @@ def test_rows_are_read_in_their_order_with_angles_in_rad():
     )
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        PLAN.replace(",", ";").replace(".", ","),
+        PLAN.replace(",", "\t").replace("\n", "\r\n"),
+        "# for cell 7\n" + PLAN.replace("\n", ",,\n"),
+        PLAN.replace("x_mm,y_mm,z_mm", "X [mm],Y [mm],Z [mm]"),
+    ],
+)
+def test_a_plan_that_a_spreadsheet_wrote_is_the_same_plan(text):
+    assert read(text) == read(PLAN)
+    assert digest(read(text)) == digest(read(PLAN))
+
+
 def test_columns_of_older_plans_are_read_past():
     first, *rows = PLAN.splitlines()
     older = "\n".join([f"{first},asked,model", *(f"{row},--fix 'arm1.*,full" for row in rows)])

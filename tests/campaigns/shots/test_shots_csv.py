@@ -46,6 +46,21 @@ def test_reference_file_is_read_as_its_digits_say():
     assert first.point_in_tracker_mm == (2352.471584, 438.343111, 427.748157)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        SHOTS.replace(",", ";").replace(".", ","),
+        "sep=\t\n" + SHOTS.replace(",", "\t"),
+        SHOTS.replace("q0_deg,q1_deg,q2_deg,q3_deg", "J1,J2,J3,J4").upper(),
+        SHOTS.replace("\n0,", "\n0.0,").replace("\n1,", "\n1.0,"),
+        HEADER + SHOTS,
+        "\n".join(f"{n - 1 if n else ''},{line}" for n, line in enumerate(SHOTS.splitlines())),
+    ],
+)
+def test_shots_that_other_programs_wrote_are_the_same_shots(text):
+    assert read(text) == read(SHOTS)
+
+
 def test_optional_columns_are_read_where_they_are_filled():
     first, second = read(FULL)
     assert first.purpose is second.purpose is ShotSet.VALIDATION
