@@ -112,7 +112,7 @@ def check_distances(nominal: Kinematics, shots: Shots, limit_mm: float, where: s
     worst = int(np.argmax(off_mm))
     if off_mm[worst] > limit_mm:
         # what holds for many shots is no error of this one
-        _check_stations(nominal, shots, where)
+        _check_stations(nominal, shots, where, limit_mm)
         spread = np.linalg.norm(points[part] - points[part].mean(axis=0))
         if np.linalg.norm(residuals[part]) > PLAUSIBLE_MISFIT * spread:
             _check_maps(nominal, shots.rows(_to_try(len(shots))), where)
@@ -208,35 +208,35 @@ def _to_try(count: int) -> Index:
     return np.unique(np.linspace(0, count - 1, SHOTS_TO_TRY).astype(np.intp))
 
 
-def _check_stations(nominal: Kinematics, shots: Shots, where: str) -> None:
-    """Raise `ShotsInvalid` where two rigid pieces of the shots fit, but one does not."""
+def _check_stations(
+    nominal: Kinematics, shots: Shots, where: str, limit_mm: float = math.inf
+) -> None:
+    """Raise `ShotsInvalid` where two rigid pieces of the shots fit, but one does not.
+
+    No point may then be farther than `limit_mm` from where the nominal robot puts it.
+    """
     # Every border between the pieces is tried, in the order of time, for the sum of their squares.
     order = shots.order_of_time()
     modelled = nominal.forward(shots.joints[order])
-    rows = np.flatnonzero(modelled.is_solved)
-    positions, points = (
-        nominal.points(modelled.values[rows]),
-        shots.points_in_tracker_mm[order[rows]],
-    )
-    borders = range(FEWEST_SHOTS, len(rows) - FEWEST_SHOTS + 1)
-    if not borders:
+    rows = order[np.flatnonzero(modelled.is_solved)]
+    positions = nominal.points(modelled.values[modelled.is_solved])
+    points = shots.points_in_tracker_mm[rows]
+    best = (math.inf, 0)
+    for border in range(FEWEST_SHOTS, len(rows) - FEWEST_SHOTS + 1):
+        pieces = np.split(np.arange(len(rows)), [border])
+        off = np.concatenate(
+            [
+                similarity(positions[piece], points[piece], np.arange(len(piece)), scaled=False)[1]
+                for piece in pieces
+            ]
+        )
+        apart = np.concatenate([points[piece] - points[piece].mean(axis=0) for piece in pieces])
+        if np.linalg.norm(off, axis=1).max() <= limit_mm:
+            best = min(best, (float(np.linalg.norm(off) / np.linalg.norm(apart)), border))
+    misfit, border = best
+    if misfit > RIGHT_MISFIT:
         return
-
-    def misfit(border: int) -> float:
-        """Return the misfit of two pieces in parts of the spread of each."""
-        residuals, spreads = 0.0, 0.0
-        for piece in (slice(None, border), slice(border, None)):
-            measured = points[piece]
-            within = np.arange(len(measured))
-            _, of_piece = similarity(positions[piece], measured, within, scaled=False)
-            residuals += float(np.sum(of_piece**2))
-            spreads += float(np.sum((measured - measured.mean(axis=0)) ** 2))
-        return math.sqrt(residuals / spreads) if spreads > 0.0 else math.inf
-
-    border = min(borders, key=misfit)
-    if misfit(border) > RIGHT_MISFIT:
-        return
-    last, first = (shots.numbers[order[rows[row]]] for row in (border - 1, border))
+    last, first = (shots.numbers[rows[row]] for row in (border - 1, border))
     raise ShotsInvalid(
         f"{where}: two rigid pieces fit the points, one does not: the tracker stood elsewhere from "
         f"shot {first} on",

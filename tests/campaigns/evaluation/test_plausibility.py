@@ -181,6 +181,15 @@ def test_a_tracker_that_stood_elsewhere_is_told_with_the_first_shot(name, border
     assert "identify --sessions" in said
 
 
+def test_one_wrong_point_of_many_is_no_tracker_that_stood_elsewhere():
+    shots = measured("delta")
+    many = shots.rows(np.tile(np.arange(len(shots)), 6))
+    points = many.points_in_tracker_mm.copy()
+    points[7] += 60.0
+    said = refusal(ShotsInvalid, check_import, replace(many, points_in_tracker_mm=points), "delta")
+    assert "shot 7: its point is 1" in said
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_what_no_simple_cause_explains_is_told_as_such(seed):
