@@ -22,7 +22,9 @@ from campaigns.errors import PlanInvalid
 from campaigns.fit.rigid_transforms import Transform
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.identification.identify import identify as identify_shots
+from campaigns.identification.objects import Object, linked
 from campaigns.identification.observations import asked_shots, error_model
+from campaigns.identification.observed import measured_of
 from campaigns.identification.options import IdentificationOptions, ModelWord
 from campaigns.identification.other_kinds import Measured
 from campaigns.identification.result import IdentificationResult, StoredLayer
@@ -35,7 +37,7 @@ from campaigns.planning.plans import Placement, PlanRequest, View, make_plan, po
 from campaigns.robots import robot as robots
 from campaigns.robots.robot import RobotFile, pose_of
 from campaigns.settings.option import checked, options_of
-from campaigns.shots import shots_csv
+from campaigns.shots import observations_csv, shots_csv
 from campaigns.shots.shots import Shots, shots_of_rows
 from campaigns.studies.study import SPREAD, Noise, StudySetup, planned_shots, simulate_campaigns
 from campaigns.studies.summary import StudySummary, summarise
@@ -83,6 +85,36 @@ def read_shots(path: Path | str, robot: RobotFile) -> Shots:
         >>> shots = read_shots("shots.csv", find_robot("par4-prototype"))
     """
     return shots_of_rows(shots_csv.read_shots(Path(path), robot.mechanism), robot.kinematics)
+
+
+def read_observations(
+    path: Path | str, robot: RobotFile, objects: Sequence[Object] | None = None
+) -> tuple[Measured, ...]:
+    """Return the observations of a CSV file in the form of observations.csv.
+
+    Args:
+        path: The file; docs/reference/files.md#observationscsv describes its columns.
+        robot: The nominal robot, whose joints the columns name.
+        objects: The objects that its rows name; None: any, of which nothing is known beforehand.
+
+    Returns:
+        The observations, for `identify`: one `Measured` a kind and object, and one more of those
+        that are held out.
+
+    Raises:
+        ObservationsInvalid: A cell, column or row is wrong, a value or an object is missing; the
+            message names line and value.
+        OptionsInvalid: Objects contradict each other.
+
+    Example:
+        >>> robot = find_robot("linear-delta")
+        >>> heights = read_observations("observations.csv", robot, [Object("bed")])
+    """
+    given = None if objects is None else linked(objects)
+    rows = observations_csv.read_observations(Path(path), robot.mechanism, given)
+    observations_csv.require_measured(rows, str(path))
+    by_name = given or {row.object: Object(row.object) for row in rows}
+    return measured_of(rows, tuple(by_name.values()))
 
 
 def sample_workspace(robot: RobotFile, poses: int = 100, *, seed: int = 1) -> Array:

@@ -35,6 +35,8 @@ class RunAnswer:
     skipped: Sequence[Mapping[str, object]]
     changed: str
     """How the robot has changed by its reference poses; "" if it has not."""
+    observations: ObservationResult | None
+    """What was measured after the shots by observations.csv; None where it plans nothing."""
 
 
 def command(
@@ -79,8 +81,8 @@ def command(
             terminal.say(f"{len(planned)} observations; nothing was moved")
             terminal.conclude({"observations": len(planned)}, tell_next(terminal, campaign))
             return
-        observed = measure_observations(campaign, terminal, options, yes=yes, plain=plain)
-        terminal.conclude(observed, tell_next(terminal, campaign))
+        alone = measure_observations(campaign, terminal, options, yes=yes, plain=plain)
+        terminal.conclude(alone, tell_next(terminal, campaign))
         return
     with terminal.telling("reading the plan") as now_at:
         checked = campaign.checked_plan(tell=now_at)
@@ -101,9 +103,10 @@ def command(
         job = RunJob(campaign, work, preview, options.retry)
         ran = measure(job, terminal, yes=yes, anew=anew, plain=plain)
     show_run(terminal, ran)
+    observed: ObservationResult | None = None
     if planned:
-        measure_observations(campaign, terminal, options, yes=True, plain=plain)
-    terminal.conclude(run_answer(ran), tell_next(terminal, campaign), is_good=ran.good)
+        observed = measure_observations(campaign, terminal, options, yes=True, plain=plain)
+    terminal.conclude(run_answer(ran, observed), tell_next(terminal, campaign), is_good=ran.good)
 
 
 def measure_observations(
@@ -120,8 +123,8 @@ def measure_observations(
     return observed
 
 
-def run_answer(ran: RunResult) -> RunAnswer:
-    """Return a run's result for programs."""
+def run_answer(ran: RunResult, observed: ObservationResult | None) -> RunAnswer:
+    """Return a run's result for programs, with that of the observations after its shots."""
     goal = settling = None
     if ran.goal_mm is not None:
         reached_mm = ran.uncertainty and ran.uncertainty.position_std_mm
@@ -137,6 +140,7 @@ def run_answer(ran: RunResult) -> RunAnswer:
         settling=settling,
         skipped=[{"shots": shots, "reason": reason} for shots, reason in ran.skipped.items()],
         changed=ran.changed,
+        observations=observed,
     )
 
 

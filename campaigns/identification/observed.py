@@ -12,6 +12,7 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import OptionsInvalid
+from campaigns.fit.kinds import KINDS
 from campaigns.identification.objects import Object, linked
 from campaigns.identification.other_kinds import Measured
 from campaigns.settings.sections import ObjectConfig
@@ -47,7 +48,7 @@ def measured_of(rows: Sequence[ObservationRow], objects: Sequence[Object]) -> tu
             object=of_name[name],
             joints=_joints_of([rows[place] for place in places]),
             values=np.array([rows[place].values for place in places]),
-            std_mm=_std_of([rows[place] for place in places]),
+            std_mm=np.array([[rows[place].std_mm] * KINDS[kind].width for place in places]),
             held_out=is_held_out,
             moment=None if seconds is None else seconds[places],
             session=_sessions_of([rows[place] for place in places]),
@@ -84,11 +85,6 @@ def _joints_of(rows: Sequence[ObservationRow]) -> Array:
     """Return joints (M, n) of observations of one pose, (M, 2, n) of two."""
     joints = np.array([row.joints for row in rows])
     return np.asarray(joints[:, 0] if joints.shape[1] == 1 else joints)
-
-
-def _std_of(rows: Sequence[ObservationRow]) -> Array:
-    """Return the σ of each coordinate of each value, (M, v)."""
-    return np.array([[row.std_mm] * len(row.values) for row in rows])
 
 
 def _sessions_of(rows: Sequence[ObservationRow]) -> Array | None:

@@ -123,7 +123,7 @@ def other_kinds(
 
     Raise `OptionsInvalid` for an unknown kind or part, or objects that contradict each other,
     `ShotsMissing` for too few rows or nothing fitted, `ShotsInvalid` for values that are no
-    numbers, or joints that lead to no assembly, `ValueError` for places that place no frame.
+    numbers, joints that lead to no assembly, or places that place no frame.
     """
     measured = sorted(measured, key=lambda rows: rows.held_out)
     things = linked(with_supports(rows.object for rows in measured))
@@ -171,7 +171,13 @@ def _frames_of(
     if not len(points) and not stated:
         stated = unstated
     assembly = nominal.mechanism.assemble(nominal.p, points.joints, points.near)
-    return first_frames(points, assembly.points, assembly.is_solved, stated)[0]
+    try:
+        return first_frames(points, assembly.points, assembly.is_solved, stated)[0]
+    except ValueError as error:
+        raise ShotsInvalid(
+            f"what the tracker saw does not place its frame: {error}",
+            remedy="measure at places all over the workspace, from each of its stations",
+        ) from error
 
 
 def _block_of(rows: Measured, nominal: Kinematics, sessions: Index | None) -> Block:

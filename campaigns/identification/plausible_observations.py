@@ -85,7 +85,7 @@ def _seen_from(nominal: Kinematics, thing: Object) -> Kinematics:
 
 
 def _check_values(row: ObservationRow, where: str) -> None:
-    """Raise `ObservationsInvalid` for a length or σ beyond what instruments measure."""
+    """Raise `ObservationsInvalid` for a value or σ that no instrument measures."""
     marked = zip(row.values, KINDS[row.kind].angles, strict=True)
     of_value = [(value, "its value", DISTANCE.most) for value, is_angle in marked if not is_angle]
     for value, what, most in (*of_value, (row.std_mm, "its σ", SIGMA.most)):
@@ -94,6 +94,11 @@ def _check_values(row: ObservationRow, where: str) -> None:
                 f"{where}:{row.line}: {what} is {value:.6g} mm, limit {most:g} mm",
                 remedy="correct the row, or the unit of its columns",
             )
+    if row.kind == "distance" and row.values[0] <= 0.0:
+        raise ObservationsInvalid(
+            f"{where}:{row.line}: its value is {row.values[0]:g} mm, must be above 0",
+            remedy="measure it again, or leave its rows out",
+        )
 
 
 def _check_object(

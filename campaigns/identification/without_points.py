@@ -41,6 +41,7 @@ from campaigns.identification.other_kinds import (
     tested_by,
     tests_of,
 )
+from campaigns.identification.positions import FEWEST_POSES
 from campaigns.identification.result import (
     Frame,
     IdentificationResult,
@@ -162,14 +163,19 @@ class _Observed(StatedValues):
         quantities = [*determined_on_planes(fit, tested)]
         if self.options.workspace is not None:
             joints, poses = identified.select_reachable(self.options.workspace)
-            quantities += self._in_space(fit, identified, joints, poses)
+            if len(poses) >= FEWEST_POSES * len(self.options.workspace):
+                quantities += self._in_space(fit, identified, joints, poses)
         return tuple(quantities)
 
+    # A fit that leads far away may have no assembly where the stated robot, of other parameters
+    # along directions that nothing determines, has one.
     def _in_space(
         self, fit: Fit, identified: Kinematics, joints: Array, poses: Array
     ) -> Iterator[Determined]:
         tested = tested_by(self.kinds.held_out, ())
         robot = fit.model.robot_at(fit.at.x, Observations.unmeasured(joints, poses), poses)
+        if not robot.assembly.is_solved.all():
+            return
         by = without_frame(robot.by, robot.assembly.points)
         yield determined_by("position", fit, by, is_tested="position" in tested)
         yield from rotation_determined(
@@ -195,6 +201,12 @@ class _Observed(StatedValues):
         yield from change_findings_of_others(fit)
         wanted = options.judged_quantities
         yield from quantity_findings(determined, wanted, options.rotation_deg)
+        if "position" in wanted and "position" not in {quantity.name for quantity in determined}:
+            says = (
+                "position: the identified robot can take too little of the workspace: look for "
+                "gross errors, or measure at more poses"
+            )
+            yield Finding(findings.NOT_DETERMINED, says, "not decided")
         if "position" in wanted and "position" not in tested_by(self.kinds.held_out, ()):
             says = "no held-out point or probe: nothing shows where the robot is in space"
             yield Finding(findings.NOTHING_UNSEEN, says, "not decided")

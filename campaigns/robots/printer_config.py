@@ -23,6 +23,7 @@ from typing import Literal, Self, get_args
 
 from campaigns.errors import ConfigInvalid
 from campaigns.files.text_file import read_text
+from drivers.values import DISTANCE
 
 PRINTER = ".cfg"
 """Ending of the files of printers."""
@@ -261,11 +262,12 @@ class _Keys:
         return ratio
 
     def length(self, section: str, key: str) -> float:
-        """Return a number above 0; raise `ConfigInvalid`."""
+        """Return a number above 0 that is no absurd length; raise `ConfigInvalid`."""
         value = self.number(section, key)
-        if value <= 0.0:
+        if not 0.0 < value <= DISTANCE.most:
             raise ConfigInvalid(
-                f"{self.where}: [{section}] {key} is {value:g}, must be above 0",
+                f"{self.where}: [{section}] {key} is {value:g}, must be above 0 and at most "
+                f"{DISTANCE.most:g}",
                 remedy="correct it",
             )
         return value

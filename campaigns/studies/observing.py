@@ -160,8 +160,8 @@ def candidates_of(wish: Wish, cell: Cell, rng: np.random.Generator) -> Measured:
     except WorkspaceTooSmall as error:
         raise PlanInvalid(
             f"too few poses for {wish.thing.name}: {error}",
-            remedy="check the robot's limits and `space` in campaign.yaml, or state the object's "
-            "place_mm: [x, y, z] in the base frame",
+            remedy="state its place_mm: [x, y, z] in the base frame, or the bed that it is `on`; "
+            "or check the robot's limits and `space` in campaign.yaml",
         ) from error
     flat = poses.reshape(-1, poses.shape[-1])
     joints = kinematics.inverse(flat).values_or_raise()

@@ -70,9 +70,10 @@ def test_simulated_instruments_fill_the_file_and_keep_the_truth_beside(pkmcal, p
     # where the reflector does not turn with the tool, a probe beside it is off by their distance
     change(planned / "cell.yaml", {"robot.reflector.offset_mm": [0, 0, 0]})
     with_observations(planned, shots=True)
-    ended = pkmcal("run", planned, "--yes")
+    ended = pkmcal("run", planned, "--yes", "--json")
     assert ended.code == 0, ended.err
-    assert ended.out.index("has all 33 shots") < ended.out.index("measured: 14 observations")
+    assert ended.document["observations"] == {"measured": 14, "skipped": []}
+    assert ended.err.index("has all 33 shots") < ended.err.index("measured: 14 observations")
     assert as_measured(in_file(planned)) == as_measured(in_journal(planned))
     assert not any(row.is_planned for row in in_file(planned))
     kept = json.loads((planned / "cell-memory.json").read_text())["readings"]

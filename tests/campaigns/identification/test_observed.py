@@ -7,11 +7,14 @@ import pytest
 from observation_files import rows_of
 from printers import BED_MM, Printer, printer, rings
 
+from campaigns.api import read_observations
 from campaigns.errors import OptionsInvalid, ShotsInvalid
+from campaigns.fit.kinds import KINDS
 from campaigns.identification.objects import Object
 from campaigns.identification.observed import hold_out, measured_of, objects_of
 from campaigns.identification.plausible_observations import check_observations
 from campaigns.settings.sections import ObjectConfig
+from campaigns.shots.observations_csv import ObservationRow, write_observations
 from campaigns.shots.shot_sets import ShotSet
 
 OBJECTS = (Object("bed"), Object("part", shrinkage_percent=0.2, shrinkage_std_percent=0.01))
@@ -44,6 +47,14 @@ def test_rows_come_back_as_they_were_measured(heights, widths):
     assert part.joints.shape == (12, 2, 3)
     assert bed.moment is None
     assert bed.session is None
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def test_a_row_states_one_sigma_whatever_its_values(kind):
+    joints, values = ((0.0, 0.0, 0.0),) * kind.poses, (0.0,) * len(kind.columns)
+    row = ObservationRow(kind.name, "it", joints, values, std_mm=0.02)
+    (measured,) = measured_of([row, row, row], (Object("it"),))
+    np.testing.assert_array_equal(measured.std_mm, np.full((3, kind.width), 0.02))
 
 
 def test_held_out_rows_times_and_stations_are_kept(heights):
@@ -139,6 +150,28 @@ def test_what_no_instrument_measures_is_named_by_line(heights, changed, said):
     rows = [heights[0], replace(heights[1], line=3, **changed), *heights[2:]]
     with pytest.raises(ShotsInvalid, match=said):
         check_observations(NOMINAL, rows, OBJECTS, 60.0, "o.csv")
+
+
+def test_a_length_that_is_none_is_named_by_line(widths):
+    rows = [widths[0], replace(widths[1], line=5, values=(0.0,)), *widths[2:]]
+    with pytest.raises(ShotsInvalid, match="5: its value is 0 mm, must be above 0"):
+        check_observations(NOMINAL, rows, OBJECTS, 60.0, "o.csv")
+
+
+def test_a_file_is_read_in_python_as_the_command_reads_it(heights, widths, tmp_path):
+    path, robot = tmp_path / "o.csv", printer()
+    write_observations(path, heights + widths, robot.mechanism)
+    bed, part = read_observations(path, robot, OBJECTS)
+    assert (bed.object, part.object) == OBJECTS
+    np.testing.assert_allclose(bed.values[:, 0], [row.values[0] for row in heights])
+    assert [rows.object for rows in read_observations(path, robot)] == [
+        Object("bed"), Object("part"),
+    ]  # fmt: skip
+    with pytest.raises(ShotsInvalid, match=f"{path}:.*unknown object 'part'"):
+        read_observations(path, robot, OBJECTS[:1])
+    write_observations(path, [replace(heights[0], values=())], robot.mechanism, overwrite=True)
+    with pytest.raises(ShotsInvalid, match=f"{path}:2: 1 of 1 observations have no value"):
+        read_observations(path, robot)
 
 
 def test_one_place_touched_many_times_is_refused(heights):

@@ -280,6 +280,15 @@ def test_a_probe_alone_places_its_frame(hexapod):
     assert quantities_of(result)["rotation"].is_tested
 
 
+def test_a_fit_that_leads_nowhere_decides_nothing():
+    made = Printer(6)
+    heights, widths = made.heights(rings(BED_MM, 3)), made.widths(60.0)
+    result = identified(made, [heights, replace(widths, values=np.zeros(12))])
+    assert result.judgement.verdict != "pass"
+    assert result.uncertainty.position_std_mm is None
+    assert "not-determined" in {finding.name for finding in result.judgement.findings}
+
+
 # --- what is refused ------------------------------------------------------------------------------
 
 PLACES = np.zeros((8, 3))
@@ -304,6 +313,7 @@ def bed(count, **changed):
             OptionsInvalid,
             "r: place .* with a 1 σ of None",
         ),
+        ([bed(8, kind="reflector", values=PLACES)], ShotsInvalid, "not place its frame: points on"),
         ([bed(8, held_out=True)], ShotsMissing, "nothing was observed"),
         ([], ShotsMissing, "nothing was observed"),
         ([bed(8, values=np.full(8, np.nan))], ShotsInvalid, "a value is no number"),

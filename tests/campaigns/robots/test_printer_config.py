@@ -125,6 +125,7 @@ def test_a_file_of_old_with_the_distance_of_a_step_is_read():
         ("kinematics: delta", "", r"\[printer\] kinematics is missing"),
         ("#*# delta_radius = 131.0", "#*# delta_radius = wide", "delta_radius is 'wide'"),
         ("#*# delta_radius = 131.0", "#*# delta_radius = -1", "delta_radius is -1, must be above"),
+        ("#*# delta_radius = 131.0", "#*# delta_radius = 1e308", "is 1e\\+308, must be .* at most"),
         ("#*# delta_radius = 131.0", "#*# delta_radius = 295", "must be above delta"),
         ("position_endstop = 300.5", "position_endstop = nan", "position_endstop is 'nan'"),
         ("rotation_distance: 40", "", r"\[stepper_a\] rotation_distance is missing"),
