@@ -135,8 +135,9 @@ class Terminal:
             self.say(f"{first}: {'; '.join(named)}")
 
     def rows(self, title: str, columns: Sequence[Column[T]], rows: Iterable[T]) -> None:
-        """Print the table of these rows."""
-        self.table(title, [column.head for column in columns], texts(columns, rows))
+        """Print the table of these rows; nothing without any."""
+        if cells := texts(columns, rows):
+            self.table(title, [column.head for column in columns], cells)
 
     def listing(self, title: str, lines: Mapping[str, str]) -> None:
         """Print names with texts that may be long."""

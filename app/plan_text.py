@@ -1,7 +1,7 @@
 """Plan and its predicted uncertainty, for people and for programs."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from app.console import WARNING, Terminal
 from app.progress import interval
@@ -9,14 +9,14 @@ from campaigns.campaign import Campaign
 from campaigns.design.restricted_space import Refusals, RestrictedSpace
 from campaigns.fit.error_sources import SOURCES
 from campaigns.fit.kinds import KINDS
-from campaigns.identification.determined import UNITS, Determined
+from campaigns.identification.determined import UNITS
 from campaigns.identification.repeats import PlannedVisits
 from campaigns.kinematics.parameters import SIGNS, ParameterTable
 from campaigns.planning.forecast import Forecast
 from campaigns.planning.plan_check import REFLECTOR_MOVE_S, CheckedPlan
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.outlook import Gain
-from campaigns.workflow.observing import PlannedObservations
+from campaigns.workflow.observation_plan import PlannedObservations
 from campaigns.workflow.planning import PlannedCampaign
 
 ONE_SIDED = 0.85
@@ -85,19 +85,6 @@ def forecast_lines(
         yield f"weakest: {', '.join(weakest)}"
 
 
-def show_observations(terminal: Terminal, planned: PlannedObservations) -> None:
-    """Show planned observations, what all of it determines, and what further ones would gain."""
-    for line in observations_lines(planned):
-        terminal.say(line)
-    columns = ("what this determines", "1 σ, rms", "at most", "from tolerances", "")
-    terminal.table("Before anything is measured", columns, determined_rows(planned.determined))
-    words = f"σ of {planned.quantity}"
-    columns = ("more of", words, "with these", "from tolerances", "time")
-    terminal.table("What further observations would gain", columns, gain_rows(planned))
-    for line in advice(planned):
-        terminal.say(line)
-
-
 def observations_lines(planned: PlannedObservations) -> Iterator[str]:
     """Yield how many observations of each object are planned, and the time that they take."""
     counts = Counter((row.kind, row.object) for row in planned.rows)
@@ -106,21 +93,6 @@ def observations_lines(planned: PlannedObservations) -> Iterator[str]:
         yield f"{count} {_plural(kind, name)}, {held_out[name]} of them held out to test the result"
     if planned.rows:
         yield f"observations take about {interval((planned.seconds, planned.seconds))}"
-
-
-def determined_rows(determined: Iterable[Determined]) -> list[tuple[str, ...]]:
-    """Return a row for each quantity: its σ, their source, whether it is determined and tested."""
-    return [
-        (
-            quantity.name,
-            f"{quantity.rms:.4f} {quantity.unit}",
-            f"{quantity.max:.4f} {quantity.unit}",
-            f"{quantity.assumed:.0%}",
-            ("determined" if quantity.is_determined else "NOT determined")
-            + (", tested" if quantity.is_tested else ", not tested"),
-        )
-        for quantity in determined
-    ]
 
 
 def gain_rows(planned: PlannedObservations) -> list[tuple[str, ...]]:

@@ -31,7 +31,7 @@ from campaigns.files.text_file import replace_text
 from campaigns.fit.kinds import KINDS
 from campaigns.identification.observed import objects_of
 from campaigns.measuring.instruments import Instrument, Task
-from campaigns.measuring.reflector_places import ReflectorPlace
+from campaigns.measuring.reflector_places import place_of
 from campaigns.measuring.work import Cell as Devices
 from campaigns.measuring.work import RawReaders
 from campaigns.settings.sections import BY_HAND, SIMULATED
@@ -293,13 +293,13 @@ def read_by_hand(prompt: Prompt) -> Instrument:
 
 def _carry(campaign: Campaign, cell: InProcessCell, reflector: str) -> None:
     """Carry the reflector of a simulated cell to an object, or with the name "" back."""
-    place = ReflectorPlace(None, (0.0, 0.0, 0.0), 0.0)
-    if reflector:
-        objects = {carrier.name: carrier for carrier in objects_of(campaign.config.objects)}
-        place = ReflectorPlace.of(objects[reflector])
-    half: Literal[1, 2] | None = 1 if place.part == 1 else 2 if place.part == 2 else None
-    std_mm = min(place.std_mm, HOLDER_STD_MM)
-    cell.cell.carry_reflector(reflector, half, place.place_mm, std_mm)
+    if not reflector:
+        cell.cell.carry_reflector("", None, (0.0, 0.0, 0.0), 0.0)
+        return
+    (carrier,) = (thing for thing in objects_of(campaign.config.objects) if thing.name == reflector)
+    half: Literal[1, 2] | None = 1 if carrier.part == 1 else 2 if carrier.part == 2 else None
+    place_mm, std_mm = place_of(carrier)
+    cell.cell.carry_reflector(reflector, half, place_mm, min(std_mm, HOLDER_STD_MM))
 
 
 def _read_instrument(campaign: Campaign, cell: InProcessCell, task: Task) -> tuple[float, ...]:

@@ -32,6 +32,7 @@ from campaigns.kinematics.parameters import Parameters
 from campaigns.measuring.monitors import WRONG_PLACE
 from campaigns.planning.plan_file import plan_difference
 from campaigns.shots.import_export import imported_files
+from campaigns.shots.observations_csv import FILE_NAME as OBSERVATIONS
 from drivers.texts import quoted
 
 LOOK = "look through campaign.yaml (tracker.place_mm!)"
@@ -94,7 +95,7 @@ class CampaignState:
     """Whether there is a program with the parameters that were exported last."""
     planned: bool = False
     to_observe: bool = False
-    """Whether a run measures planned observations alone, without shots."""
+    """Whether observations are planned alone, without shots, and still have no values."""
     plan_options: tuple[str, ...] = ()
     """Options that plan.csv was made with, as words."""
     misplaced: str = ""
@@ -166,12 +167,17 @@ ROWS = (
         "wait, or follow with `pkmcal watch {folder}`",
         "{worker} works on this campaign",
     ),
-    Row(lambda s: s.to_observe and not s.measured, "run {folder}"),
+    Row(lambda s: s.to_observe and not (s.measured or s.offline), "run {folder}"),
     # set up and plan
     Row(
         lambda s: bool(s.misplaced) and (not s.measured or s.unmeasured == "run"),
         "plan {folder}{plan_options}",
         "set tracker.place_mm in campaign.yaml ({misplaced})",
+    ),
+    Row(
+        lambda s: s.to_observe and not s.measured,
+        "import {folder} {to_fill}",
+        "measure what {to_fill} plans, and fill in its values",
     ),
     Row(
         lambda s: not (s.planned or s.measured) and s.offline and s.objects,
@@ -297,6 +303,7 @@ def next_step(state: CampaignState) -> NextStep | None:
         "overwrite": "--force" if state.overwrite else "",
         "file": f"--robot {file}" if file else "",
         "exported": state.file,
+        "to_fill": quoted(f"{state.folder}/{OBSERVATIONS}"),
         "worker": state.worker,
         "misplaced": state.misplaced,
         "reasons": state.reasons,
@@ -327,7 +334,7 @@ def state_of(
         program=campaign.is_offline and evidence.has_program,
         program_after=evidence.program_after,
         planned=bool(runs) or evidence.plan is not None,
-        to_observe=evidence.plans_observations and not (evidence.plan or campaign.is_offline),
+        to_observe=evidence.plans_observations and not evidence.plan,
         plan_options=evidence.plan_options,
         misplaced=_misplaced(evidence),
         objects=bool(campaign.config.objects),

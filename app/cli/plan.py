@@ -10,6 +10,7 @@ from app import plan_text
 from app.console import WARNING, Terminal
 from app.next import tell_next
 from app.options import Plot
+from app.report.tables import DETERMINED
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.identification.repeats import PlannedVisits
@@ -18,7 +19,7 @@ from campaigns.options import PlanOptions, ProgramOptions
 from campaigns.planning.plans import pairs_of
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.outlook import Gain
-from campaigns.workflow.observing import PlannedObservations
+from campaigns.workflow.observation_plan import PlannedObservations
 from campaigns.workflow.planning import PlannedCampaign, plan, plan_without_shots
 from campaigns.workflow.programs import WrittenProgram, write_programs
 
@@ -120,7 +121,7 @@ def command(
                 remedy="leave them out",
             )
         observations = plan_without_shots(campaign, options)
-        plan_text.show_observations(terminal, observations)
+        show_observations(terminal, observations)
         terminal.say(f"written: {observations.path}")
         terminal.conclude(observations_answer(observations), tell_next(terminal, campaign))
         return
@@ -242,4 +243,16 @@ def show(
         )
     plan_text.show_forecast(terminal, campaign, planned, until_mm)
     if planned.observations is not None:
-        plan_text.show_observations(terminal, planned.observations)
+        show_observations(terminal, planned.observations)
+
+
+def show_observations(terminal: Terminal, planned: PlannedObservations) -> None:
+    """Show planned observations, what all of it determines, and what further ones would gain."""
+    for line in plan_text.observations_lines(planned):
+        terminal.say(line)
+    terminal.rows("What this will determine, 1 σ", DETERMINED, planned.determined)
+    words = f"σ of {planned.quantity}"
+    columns = ("more of", words, "with these", "from tolerances", "time")
+    terminal.table("What further observations would gain", columns, plan_text.gain_rows(planned))
+    for line in plan_text.advice(planned):
+        terminal.say(line)

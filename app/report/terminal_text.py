@@ -96,10 +96,12 @@ def _show_tables(
     if identification.uncertainty.budget:
         title = "Uncertainty of positions, 1 σ, rms over the workspace"
         terminal.rows(title, tables.BUDGET, tables.budget_rows(identification))
-    if determined := tables.determined_rows(identification):
-        terminal.rows("What these observations determine, 1 σ", tables.DETERMINED, determined)
-    if value.tracker:
-        terminal.rows("Errors of the tracker", tables.TRACKER_ERRORS, value.tracker.items())
+    terminal.rows(
+        "What these observations determine, 1 σ",
+        tables.DETERMINED,
+        tables.determined_rows(identification),
+    )
+    terminal.rows("Errors of the tracker", tables.TRACKER_ERRORS, value.tracker.items())
     for line in _sentences(identification):
         if line not in identification.judgement.reasons:  # they stand below the verdict
             terminal.say(line)
@@ -121,8 +123,7 @@ def _show_errors(terminal: Terminal, residuals: Residuals) -> None:
     fitted = "distances of fitted pairs" if of_pairs else "positions of fitted shots"
     errors = {fitted: residuals.residuals_mm, "distances of hold-out pairs": residuals.unseen_mm}
     rows = [(name, sizes) for name, sizes in errors.items() if sizes is not None]
-    if rows:  # observations alone have none
-        terminal.rows("Errors (mm)", ERRORS, rows)
+    terminal.rows("Errors (mm)", ERRORS, rows)
 
 
 # A change has one line by its finding. Wrong shots have a line each, with size and remedy: then a

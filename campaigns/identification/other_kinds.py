@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from campaigns.arrays import Array, Index, Mask
-from campaigns.errors import OptionsInvalid, ShotsInvalid, ShotsMissing
+from campaigns.errors import ObservationsInvalid, OptionsInvalid, ShotsInvalid, ShotsMissing
 from campaigns.evaluation.decision import Decision, chance_of_larger, effective_dof
 from campaigns.files.wording import suggestion
 from campaigns.fit.error_model import Observations, first_frames, frame_motion, frames_of_shots
@@ -136,7 +136,7 @@ def other_kinds(
     untested: list[Block] = []
     for rows, block in made:
         with_its = dict(slots)
-        flat = _add_slots(with_its, rows.object, block, _seen(block, nominal, frames))
+        flat = _add_slots(with_its, rows.object, block, bodies_of(block, nominal, frames))
         if flat and rows.held_out:
             untested.append(block)
             continue
@@ -158,7 +158,7 @@ def _frames_of(
     unstated: list[SeenPlaces] = []
     for rows, block in made:
         if block.kind.has_places:
-            body, owner = _seen(block, nominal, ())[0], _owner(block.kind.slots[0], rows.object)
+            body, owner = bodies_of(block, nominal)[0], _owner(block.kind.slots[0], rows.object)
             prior = owner.stated(PLACE.name)
             place = body.point(np.array(prior[0])) if prior is not None else body.place
             seen = SeenPlaces(place, block.values[:, :3], block.frame)
@@ -203,7 +203,7 @@ def _block_of(rows: Measured, nominal: Kinematics, sessions: Index | None) -> Bl
             remedy="leave out what was not measured, and state its σ",
         )
     parts, joints = _parts_of(rows), np.repeat(joints, kind.bodies // kind.poses, axis=1)
-    near = [_near(nominal, name, part, joints[:, n]) for n, part in enumerate(parts)]
+    near = [_near(nominal, rows, part, joints[:, n]) for n, part in enumerate(parts)]
     owners = (_owner(slot, rows.object) for slot in kind.slots)
     return Block(
         kind=kind,
@@ -249,19 +249,21 @@ def _parts_of(rows: Measured) -> tuple[int | None, ...]:
     return thing.support.part, thing.part
 
 
-def _near(nominal: Kinematics, name: str, part: int | None, joints: Array) -> Array:
+def _near(nominal: Kinematics, rows: Measured, part: int | None, joints: Array) -> Array:
     """Return the poses (M, t) of a body at joints (M, n) by the nominal robot."""
     try:
         seen = replace(nominal, mechanism=nominal.mechanism.seen_from(part))
     except ValueError as error:
         raise OptionsInvalid(
-            f"{name}: {error}", remedy="leave out body for the controlled point"
+            f"{rows.object.name}: {error}", remedy="leave out body for the controlled point"
         ) from error
     poses = seen.forward(joints)
     if not poses.is_solved.all():
-        raise ShotsInvalid(
-            f"{name}: no assembly at the joints of observation {int(np.argmin(poses.is_solved))}",
-            remedy="look at the order and signs of joints, and at their units",
+        first = int(np.argmin(poses.is_solved))
+        where = rows.labels[first] if rows.labels else f"{rows.object.name}: observation {first}"
+        raise ObservationsInvalid(
+            f"{where}: the nominal robot cannot be assembled at its joints",
+            remedy="check the order, signs and units of the joints, and that they are this robot's",
         )
     return poses.values
 
@@ -304,8 +306,13 @@ def _owner(slot: SlotKind, thing: Object) -> Object:
     return thing.support if slot.of_support else thing
 
 
-def _seen(block: Block, nominal: Kinematics, frames: tuple[Transform, ...]) -> list[Bodies]:
-    """Return the nominal bodies of a block in the frames in which its values are."""
+def bodies_of(
+    block: Block, nominal: Kinematics, frames: tuple[Transform, ...] = ()
+) -> list[Bodies]:
+    """Return the nominal bodies of a block in the frames in which its values are.
+
+    Without frames of a tracker in the base frame.
+    """
     bodies = []
     for number, part in enumerate(block.parts):
         poses = block.near[:, number]

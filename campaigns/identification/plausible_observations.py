@@ -15,10 +15,10 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.errors import ObservationsInvalid, ShotsMissing
 from campaigns.evaluation.plausibility import BETTER_BY, UNITS
-from campaigns.fit.kinds import KINDS, Block, Bodies, differentiate
+from campaigns.fit.kinds import KINDS, differentiate
 from campaigns.identification.objects import Object
 from campaigns.identification.observed import measured_of
-from campaigns.identification.other_kinds import Measured, OtherKinds, other_kinds
+from campaigns.identification.other_kinds import Measured, OtherKinds, bodies_of, other_kinds
 from campaigns.kinematics.model import Kinematics
 from campaigns.shots.observations_csv import ObservationRow
 from campaigns.shots.point_words import MM_PER_UNIT
@@ -49,7 +49,6 @@ def check_observations(
     nominal = replace(nominal, mechanism=nominal.mechanism.body(None))  # no reflector moves along
     rough = tuple(_with_rough_shrinkage(thing) for thing in objects)
     measured = [replace(group, held_out=False) for group in measured_of(rows, rough)]
-    _check_assembly(nominal, rows, {thing.name: thing for thing in objects}, where)
     for row in rows:
         _check_values(row, where)
     for name in dict.fromkeys(row.object for row in rows):
@@ -60,28 +59,6 @@ def _with_rough_shrinkage(thing: Object) -> Object:
     if thing.shrinkage_std_percent is not None:
         return thing
     return replace(thing, shrinkage_std_percent=ROUGH_SHRINKAGE_PERCENT)
-
-
-def _check_assembly(
-    nominal: Kinematics, rows: Sequence[ObservationRow], objects: dict[str, Object], where: str
-) -> None:
-    """Raise `ObservationsInvalid` for the first row at whose joints the robot has no pose."""
-    for row in rows:
-        solved = _seen_from(nominal, objects[row.object]).forward(np.array(row.joints)).is_solved
-        if not solved.all():
-            raise ObservationsInvalid(
-                f"{where}:{row.line}: the nominal robot cannot be assembled at its joints",
-                remedy="check the order, signs and units of the joints, and that it is this "
-                "robot's file",
-            )
-
-
-def _seen_from(nominal: Kinematics, thing: Object) -> Kinematics:
-    """Return the nominal robot seen from the part that carries an object, where it has that."""
-    try:
-        return replace(nominal, mechanism=nominal.mechanism.seen_from(thing.part))
-    except ValueError:  # `other_kinds` says so with a remedy
-        return nominal
 
 
 def _check_values(row: ObservationRow, where: str) -> None:
@@ -164,7 +141,7 @@ def _misfit(kinds: OtherKinds, nominal: Kinematics) -> float:
             differentiate(
                 block.kind,
                 block.values,
-                _bodies_of(block, nominal),
+                bodies_of(block, nominal),
                 np.concatenate([slots[name] for name in block.slots]),
             ).residual,
             axis=1,
@@ -172,11 +149,3 @@ def _misfit(kinds: OtherKinds, nominal: Kinematics) -> float:
         for block in kinds.fitted
     ]
     return float(np.median(np.concatenate(residuals)))
-
-
-def _bodies_of(block: Block, nominal: Kinematics) -> list[Bodies]:
-    """Return the nominal bodies of a block in the base frame."""
-    return [
-        Bodies(poses[:, :3], nominal.mechanism.seen_from(part).tool_axes(poses))
-        for part, poses in zip(block.parts, np.moveaxis(block.near, 1, 0), strict=True)
-    ]

@@ -28,9 +28,10 @@ from campaigns.fit.error_model import ErrorModel, Observations, moved_frames
 from campaigns.fit.fit import Fit, Prior, noise_parts
 from campaigns.fit.rigid_transforms import Transform, fit_transform
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
+from campaigns.identification.objects import Object
 from campaigns.journal.records import Outcome
 from campaigns.kinematics.model import Kinematics
-from campaigns.measuring.reflector_places import PlacedReflector, ReflectorPlace, seen_at
+from campaigns.measuring.reflector_places import PlacedReflector, seen_at
 from campaigns.settings.sections import GateConfig
 from drivers.values import Vector3, vector
 
@@ -95,12 +96,12 @@ class Gate:
         instrument: TrackerUncertainty,
         rules: GateConfig,
         accepted: Iterable[Outcome] = (),
-        places: Mapping[str, ReflectorPlace] | None = None,
+        carriers: Mapping[str, Object] | None = None,
     ) -> None:
-        """`places`: those of reflectors elsewhere on the platform, by the names of objects."""
+        """`carriers`: objects that carry reflectors elsewhere on the platform, by name."""
         self._model, self._instrument, self._rules = model, instrument, rules
-        self._places = dict(places or {})
-        self._elsewhere = {name: PlacedReflector(model, at) for name, at in self._places.items()}
+        self._carriers = dict(carriers or {})
+        self._elsewhere = {name: PlacedReflector(model, on) for name, on in self._carriers.items()}
         self.accepted = tuple(accepted)
         """The shots that count, in the order in which they came."""
         self.reflector = ""
@@ -120,7 +121,7 @@ class Gate:
     def seen_from(self, reflector: str) -> Kinematics:
         """Return the nominal robot with the measured point on the part of a reflector."""
         nominal = self._model.nominal
-        return seen_at(nominal, self._places[reflector]) if reflector else nominal
+        return seen_at(nominal, self._carriers[reflector]) if reflector else nominal
 
     def accept(self, outcome: Outcome) -> None:
         """Add an accepted shot."""
@@ -140,7 +141,7 @@ class Gate:
         # limit never exceeds that for distances: a fit must not make the gate wider.
         # `not … <= …`: a residual that is NaN is refused.
         rules = self._rules
-        if self._places and (another := self._another_at(outcome)):
+        if self._carriers and (another := self._another_at(outcome)):
             return GateDecision(None, None, another)
         expected_mm, std_mm = self.predict(outcome.joints, outcome.reflector) or (None, inf)
         # A reflector elsewhere may sit on its part beside what is stated: limits are of 4 σ there.
@@ -162,7 +163,7 @@ class Gate:
         # A stated place may be wrong by centimetres, but hardly by half of the way to another
         # reflector: a quarter of that way belongs to the other one.
         expected = self.predict(outcome.joints, outcome.reflector)
-        for name in {"", *self._places} - {outcome.reflector}:
+        for name in {"", *self._carriers} - {outcome.reflector}:
             other = self.predict(outcome.joints, name) if self._shots_of(name) else None
             if expected is None or other is None or other[1] > self._rules.distance_mm:
                 continue
@@ -248,7 +249,7 @@ class Gate:
     def _without(self, shot: Outcome, *, added: tuple[Outcome, ...] = ()) -> "Gate":
         """Return a gate that rests on the other shots and the added ones."""
         others = (*(other for other in self.accepted if other.shot != shot.shot), *added)
-        return Gate(self._model, self._instrument, self._rules, others, self._places)
+        return Gate(self._model, self._instrument, self._rules, others, self._carriers)
 
     def _judge_distances(self, shot: Outcome, others: Sequence[Outcome]) -> GateDecision:
         """Compare the distances of a shot to others with those of the robot as it is estimated.
@@ -261,7 +262,7 @@ class Gate:
         estimate, compared = self._estimate, (*others, shot)
         robot = self._model.nominal if estimate is None else self._model.kinematics(estimate.x)
         if shot.reflector:
-            robot = seen_at(robot, self._places[shot.reflector])
+            robot = seen_at(robot, self._carriers[shot.reflector])
         solution = robot.forward(np.array([outcome.joints for outcome in compared]))
         if not solution.is_solved.all():
             problem = "the robot's model cannot be assembled at the joints that were read"

@@ -26,34 +26,22 @@ UNKNOWN_MM = 1e3
 """1 σ of a place of which nothing is stated."""
 
 
-@dataclass(frozen=True, slots=True)
-class ReflectorPlace:
-    """Place of a reflector on a part of the platform."""
+def place_of(carrier: Object) -> tuple[Vector3, float]:
+    """Return the place of a reflector on its part and 1 σ of each coordinate, mm.
 
-    part: int | None
-    """Half of a platform of two parts; None: what is controlled."""
-    place_mm: Vector3
-    """As stated, on its part."""
-    std_mm: float
-    """1 σ of each coordinate."""
-
-    @classmethod
-    def of(cls, carrier: Object) -> "ReflectorPlace":
-        """Return the place that an object states; raise `OptionsInvalid` for one without its σ."""
-        stated = carrier.stated("place")
-        if stated is None:
-            return cls(carrier.part, (0.0, 0.0, 0.0), UNKNOWN_MM)
-        place_mm, stds_mm = stated
-        return cls(carrier.part, vector(place_mm), stds_mm[0])
+    Raise `OptionsInvalid` for one that is stated without its σ.
+    """
+    place_mm, stds_mm = carrier.stated("place") or ((0.0, 0.0, 0.0), (UNKNOWN_MM,))
+    return vector(place_mm), stds_mm[0]
 
 
-def seen_at(nominal: Kinematics, place: ReflectorPlace) -> Kinematics:
-    """Return a robot with the measured point on a place's part, at the part's own point.
+def seen_at(nominal: Kinematics, carrier: Object) -> Kinematics:
+    """Return a robot with the measured point on the part of a carrier, at the part's own point.
 
     Raise `ValueError` for a part that the platform does not have.
     """
-    mechanism = nominal.mechanism.body(place.part)
-    if place.part is None:
+    mechanism = nominal.mechanism.body(carrier.part)
+    if carrier.part is None:
         mechanism = mechanism.placed(nominal.p, None, (0.0, 0.0, 0.0))
     return replace(nominal, mechanism=mechanism)
 
@@ -64,12 +52,13 @@ class PlacedReflector:
 
     model: ErrorModel
     """Model of the robot's errors, of its own reflector."""
-    stated: ReflectorPlace
+    carrier: Object
+    """What carries it."""
 
     @cached_property
     def _of_part(self) -> ErrorModel:
         """Model with the same unknowns, of the point on its part."""
-        return replace(self.model, nominal=seen_at(self.model.nominal, self.stated))
+        return replace(self.model, nominal=seen_at(self.model.nominal, self.carrier))
 
     def place(
         self, x: Array, frame: Transform, covariance: Array, shots: Sequence[Outcome]
@@ -96,8 +85,9 @@ class PlacedReflector:
         own_mm, by_own = nominal.mechanism.reflector_in_frames(nominal.whole_p)
         rows = self.model.columns_of(by_own[None])[0]
         of_own = rows @ covariance[: rows.shape[1], : rows.shape[1]] @ rows.T
-        place_mm = np.asarray(np.array(self.stated.place_mm) - own_mm)
-        return place_mm, self.stated.std_mm**2 + float(np.trace(of_own)) / len(place_mm)
+        stated_mm, std_mm = place_of(self.carrier)
+        place_mm = np.asarray(np.array(stated_mm) - own_mm)
+        return place_mm, std_mm**2 + float(np.trace(of_own)) / len(place_mm)
 
     def predict(
         self,
@@ -127,7 +117,7 @@ class PlacedReflector:
             at = model.predict(x, (frame,), observations, near)
             squares = np.einsum("nij,jk,nik->n", at.jacobian, covariance, at.jacobian)
         axes = np.tile(np.eye(3), (len(joints), 1, 1))  # halves keep their orientation
-        if self.stated.part is None:
+        if self.carrier.part is None:
             axes = model.nominal.mechanism.tool_axes(at.assembly.poses)
         turned = np.asarray(frame.rotation @ axes)
         points = np.asarray(observations.points + at.residual)

@@ -14,6 +14,7 @@ from pydantic import JsonValue
 from campaigns.fit.error_model import ErrorModel
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.fit.fit import Fit
+from campaigns.identification.objects import Object
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Outcome, Stage
 from campaigns.journal.views import AcceptedShot
@@ -22,7 +23,6 @@ from campaigns.measuring.instruments import Instrument
 from campaigns.measuring.monitors import Station
 from campaigns.measuring.motion import Mover
 from campaigns.measuring.reference_poses import ReferenceNoise
-from campaigns.measuring.reflector_places import ReflectorPlace
 from campaigns.measuring.run_state import PositionUncertainty, RunState, Wishes
 from campaigns.measuring.series_log import SeriesLog
 from campaigns.measuring.uncertainty_monitor import UncertaintyMonitor
@@ -138,8 +138,8 @@ class Work:
     ends_at: tuple[float, ...] = ()
     """Joints where the robot is left at the end; (): where the last shot was taken."""
     nests: tuple[NestConfig, ...] = ()
-    reflector_places: Mapping[str, ReflectorPlace] = field(default_factory=dict)
-    """Places of reflectors elsewhere on the platform, by the names of objects."""
+    carriers: Mapping[str, Object] = field(default_factory=dict)
+    """Objects that carry reflectors elsewhere on the platform, by name."""
     reflector: str = ""
     """Robot's reflector, by its name in the tracker."""
     measuring_time_s: float = 1.0
@@ -188,8 +188,7 @@ class Work:
             self.robot.kinematics, TRACKER_SOURCES, group_tolerances=self.options.tolerances
         )
         accepted = [shot.outcome for shot in shots if not shot.intent.nest]
-        places = self.reflector_places
-        return Gate(model, self.options.instrument, self.gate, accepted, places)
+        return Gate(model, self.options.instrument, self.gate, accepted, self.carriers)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -130,19 +130,20 @@ def append_measured(
     journal: Journal, name: str, planned: PlannedRow, measured: ObservationRow
 ) -> None:
     """Write the measurement of a file's planned row into the journal, durably."""
-    recorded = RecordedFile(name, "", (measured,), planned)
-    body = adapter_of(RecordedFile).dump_python(recorded, mode="json")
-    journal.append(Finding("observations", body))
+    _append(journal, RecordedFile(name, "", (measured,), planned))
 
 
 def append_observations(
     journal: Journal, rows: Sequence[ObservationRow], file: ImportedFile
 ) -> None:
     """Write the rows of a file into the journal, in one record."""
-    recorded = RecordedFile(file.name, file.sha256, tuple(rows))
-    body = adapter_of(RecordedFile).dump_python(recorded, mode="json")
-    journal.append(Finding("observations", body))
+    _append(journal, RecordedFile(file.name, file.sha256, tuple(rows)))
     journal.prove()
+
+
+def _append(journal: Journal, file: RecordedFile) -> None:
+    body = adapter_of(RecordedFile).dump_python(file, mode="json")
+    journal.append(Finding("observations", body))
 
 
 # Two measurements may agree to the last digit of callipers or a step of a motor; with times they

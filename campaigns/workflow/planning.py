@@ -7,7 +7,7 @@
 # 3. Predict 1 σ of parameters and positions from the plan alone. The prediction assumes the model
 #    that identification will fit by default, and the tracker's data sheet.
 # 4. If campaign.yaml has objects, choose observations of them, and state what all of it together
-#    will determine (`observing.py`).
+#    will determine (`observation_plan.py`).
 # 5. Write plan.csv; an older plan is renamed, and one that was measured is replaced only by consent
 #    (`force`): a delivered result must not be undone in passing. Only this step holds the
 #    campaign: making an optimal plan takes long, and other commands need not wait for it.
@@ -38,7 +38,11 @@ from campaigns.planning.validation_plan import SHORTEST_PART, fitting_lines
 from campaigns.settings.option import typed_words
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.identification import identification_options
-from campaigns.workflow.observing import PlannedObservations, plan_observations, write_planned
+from campaigns.workflow.observation_plan import (
+    PlannedObservations,
+    plan_observations,
+    write_planned,
+)
 from campaigns.workflow.work import all_series
 
 REFUSALS_SAMPLE = 2000

@@ -12,13 +12,14 @@ import numpy as np
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import KnownSets
 from campaigns.errors import ConfigInvalid, PlanInvalid
+from campaigns.identification.objects import Object
 from campaigns.identification.observed import objects_of
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Finding, Stage
 from campaigns.journal.views import Series
 from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.monitors import Station
-from campaigns.measuring.reflector_places import ReflectorPlace, seen_at
+from campaigns.measuring.reflector_places import place_of, seen_at
 from campaigns.measuring.work import Work
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import plan_digest
@@ -70,7 +71,7 @@ def engine_work(
         options=options,
         nests=config.nests,
         reflector=config.tracker.reflector,
-        reflector_places=_reflector_places(campaign, steps, kinematics),
+        carriers=_carriers(campaign, steps, kinematics),
         measuring_time_s=config.tracker.measuring_time_s,
         station=Station(
             config.tracker.place_mm,
@@ -81,35 +82,37 @@ def engine_work(
     )
 
 
-def _reflector_places(
+def _carriers(
     campaign: Campaign, steps: Iterable[Step], kinematics: Kinematics
-) -> dict[str, ReflectorPlace]:
-    """Return the places of the reflectors that the steps name, by the names of objects.
+) -> dict[str, Object]:
+    """Return the objects that carry the reflectors that the steps name, by name.
 
-    Raise `PlanInvalid` for a name that is no object, or an object on no part of this platform.
+    Raise `PlanInvalid` for a name that is no object, or an object on no part of this platform, and
+    `OptionsInvalid` for a place without its σ.
     """
-    carriers = {carrier.name: carrier for carrier in objects_of(campaign.config.objects)}
-    places: dict[str, ReflectorPlace] = {}
+    objects = {thing.name: thing for thing in objects_of(campaign.config.objects)}
+    carriers: dict[str, Object] = {}
     for step in steps:
         name = step.planned.reflector
-        if not name or name in places:
+        if not name or name in carriers:
             continue
-        if name not in carriers:
+        if name not in objects:
             raise PlanInvalid(
                 f"shot {step.planned.shot}: reflector '{name}' is not among the objects of "
                 "campaign.yaml",
                 remedy=f"write `- {{name: {name}, body: half 2}}` under objects there, or correct "
                 "plan.csv",
             )
-        places[name] = ReflectorPlace.of(carriers[name])
+        carriers[name] = objects[name]
+        place_of(carriers[name])
         try:
-            seen_at(kinematics, places[name])
+            seen_at(kinematics, carriers[name])
         except ValueError as error:
             raise PlanInvalid(
                 f"shot {step.planned.shot}: reflector '{name}': {error}",
                 remedy="correct `body` of this object in campaign.yaml",
             ) from error
-    return places
+    return carriers
 
 
 def _park_joints(campaign: Campaign, kinematics: Kinematics) -> tuple[float, ...]:

@@ -96,6 +96,7 @@ CHANGED: dict[tuple[str, ...], dict[str, Any]] = {
     ("import", "before.txt", "--stage", "before"): {"before": True},
     ("import", "run.txt", "--unit", "mm"): {"measured": "import"},
     ("import", "observations.csv"): {"measured": "observations"},
+    ("import", "DIR/observations.csv"): {"measured": "observations"},
     ("run",): {"measured": "run", "unmeasured": ""},
     ("run", "--anew"): {"measured": "run", "unmeasured": ""},
     ("export",): {"to_export": ""},
@@ -133,6 +134,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
     walk(CampaignState(offline=True))
     walk(CampaignState(to_observe=True))
     walk(CampaignState(offline=True, objects=True))
+    walk(CampaignState(offline=True, objects=True, to_observe=True))
     for left in ("run", "anew"):
         walk(CampaignState(**MEASURED, unmeasured=left))  # type: ignore[arg-type]
     for check, by_targets in product((*ANSWERS, "again"), (False, True)):

@@ -307,7 +307,7 @@ def bed(count, **changed):
         ([bed(8, kind="hight")], OptionsInvalid, "'hight' is no kind of observation"),
         ([bed(5)], ShotsMissing, "5 heights of bed"),
         ([bed(8, values=np.zeros(7))], ShotsInvalid, "7 values of 8 observations"),
-        ([bed(8, joints=BEYOND)], ShotsInvalid, "no assembly at the joints of"),
+        ([bed(8, joints=BEYOND)], ShotsInvalid, "bed: observation 0: the nominal robot"),
         (
             [bed(8, kind="reflector", values=PLACES, object=Object("r", place_mm=(0.0, 0.0, 1.0)))],
             OptionsInvalid,

@@ -11,8 +11,8 @@ from small_plans import FOUR_PAIRS, work
 from tested_journal import Told, journal_in
 
 from campaigns.errors import GateRefused, Interrupted
+from campaigns.identification.objects import Object
 from campaigns.journal.records import Event, Rejected
-from campaigns.measuring.reflector_places import ReflectorPlace
 from campaigns.measuring.session import measure_series
 from campaigns.planning.plan_file import PlannedShot
 from drivers import values
@@ -21,7 +21,7 @@ from drivers.errors import BeamBroken
 HALF_2 = "half 2"
 OFF_MM = np.array([3.0, -2.0, 1.0])
 """Where the reflector really sits on half 2, beyond its stated place."""
-PLACES = {HALF_2: ReflectorPlace(2, (0.0, 0.0, 0.0), 5.0)}
+CARRIERS = {HALF_2: Object(HALF_2, body="half 2", place_mm=(0.0, 0.0, 0.0), std_mm=5.0)}
 OF_PAIRS_2_AND_3 = {5, 6, 7, 8}
 IN_TURN = tuple(
     replace(shot, reflector=HALF_2) if shot.shot in OF_PAIRS_2_AND_3 else shot
@@ -83,7 +83,7 @@ def cell_of_halves(**changes: object) -> FakeCell:
 
 
 def work_in_turn(plan: tuple[PlannedShot, ...] = IN_TURN, **changes: object):
-    return work(plan, reflector_places=PLACES, **changes)
+    return work(plan, carriers=CARRIERS, **changes)
 
 
 def measured(folder: Path, cell: FakeCell, **changes: object) -> tuple[Told, list[str]]:

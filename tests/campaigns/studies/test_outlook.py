@@ -19,7 +19,7 @@ from campaigns.planning import forecast
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plans import in_turn, joints_of, poses_of
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.studies.observing import Cell, candidates_of, kind_of, read_wish
+from campaigns.studies.observation_candidates import Cell, candidates_of, kind_of, read_wish
 from campaigns.studies.outlook import judged_in_space, outlook, planned_points, without_tracker
 
 TRACKER_MM = np.array([2400.0, -300.0, -450.0])

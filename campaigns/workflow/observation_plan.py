@@ -33,7 +33,7 @@ from campaigns.planning.plan_file import PlannedShot, move_aside
 from campaigns.planning.plans import joints_of, pairs_of, poses_of
 from campaigns.shots.observations_csv import FILE_NAME, ObservationRow, write_observations
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.studies.observing import (
+from campaigns.studies.observation_candidates import (
     WITHOUT_LENGTH,
     Cell,
     Wish,
