@@ -131,8 +131,9 @@ def _missing(evaluation: Evaluation) -> Iterator[str]:
     journal, run, identification = evidence.journal, evidence.run, evidence.identification
     if journal is None:
         yield "There is no journal: nothing was ever measured in this campaign."
-    if run is None and evidence.observations.files:
-        yield "No tracker has measured: errors of position cannot be shown."
+    without_tracker = run is None and bool(evidence.observations.files)
+    if without_tracker:
+        yield "No tracker has measured: nothing shows errors of position, nor validates them."
     elif run is None:
         yield "Nothing has been measured to identify from: `pkmcal run`, or `pkmcal import`."
     elif evaluation.errors is None or evaluation.errors.positions is None:
@@ -144,7 +145,7 @@ def _missing(evaluation: Evaluation) -> Iterator[str]:
     is_elsewhere = run.series.started.imported if run else evidence.campaign.is_offline
     command = "import" if is_elsewhere else "validate"
     for stage, result in (("before", evaluation.before), ("after", evaluation.after)):
-        if result is None:
+        if result is None and not (without_tracker and evidence.campaign.is_offline):
             yield f"There is no validation {stage} calibration: `pkmcal {command} --stage {stage}`."
     if journal is not None and not evaluation.time_series:
         yield "Neither temperature nor drift was recorded."

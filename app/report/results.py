@@ -208,7 +208,7 @@ def observations_section(evaluation: Evaluation) -> Section:
         "What they determine",
         tables.DETERMINED,
         tables.determined_rows(identification),
-        "σ: one standard deviation, of three coordinates together. flat: height above the touched "
+        "σ: one standard deviation, of all coordinates together. flat: height above the touched "
         "plane, up to a plane. xy: in that plane, up to two shifts and a turn. Determined: at most "
         f"{100.0 * MOST_ASSUMED:.0f} % of the variance comes from tolerances. Tested: by "
         "observations that were never fitted.",

@@ -58,7 +58,7 @@ class Determined:
 
     name: QuantityWord
     mean: float
-    """1 σ, the root of the summed variances of three coordinates, mm or deg."""
+    """1 σ, the root of the summed variances of its coordinates, mm or deg."""
     max: float
     rms: float
     assumed: float

@@ -71,6 +71,7 @@ def test_hints_alone_lead_from_a_new_campaign_to_a_report(pkmcal, cell):
     assert "Observations without a tracker, and what they determine" in page
     assert "4 heights of bed that were not fitted" in page
     assert "No tracker has measured" in page
+    assert "There is no validation" not in page  # nothing could validate
     assert "older model" not in page
     assert pkmcal("history", "cell").code == 0
     assert pkmcal("export", "cell").code == 0
