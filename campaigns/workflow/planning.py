@@ -243,7 +243,7 @@ def _in_turn(
                 if carriers
                 else "list it under objects, as {name: half 2, body: half 2}",
             )
-    return in_turn(shots, ("", *names)) if names else shots
+    return in_turn(shots, ("", *dict.fromkeys(names))) if names else shots
 
 
 def _visits(

@@ -207,7 +207,7 @@ def phase(state: CampaignState) -> str:
         return "calibrated, not validated" if is_calibrated else "identified"
     if state.measured:
         part = " in part" if state.unmeasured == "run" else ""
-        return f"{'measured' if state.measured == 'run' else 'imported'}{part}, not identified"
+        return f"{'imported' if state.measured == 'import' else 'measured'}{part}, not identified"
     if state.before:
         return "validated before calibration"
     return "planned" if state.planned else "set up"
