@@ -9,13 +9,15 @@
 #   make bench   how long users wait, real robots, and how large the house is
 #   make pictures  the pictures of docs/, drawn anew; needs chromium
 #   make reference  docs/reference/commands.md and the tables of keys, from the code
-#   make torture the tests by garbage, kills, signals and faults with larger numbers; takes hours
+#   make torture the tests by garbage, kills, signals and faults with larger numbers; takes hours;
+#                SEEDS=1000 is how many stories of faults are drawn
 #
 # PYTHON names the interpreter that the environment is made with (3.11 or newer), VENV where it
 # lies: make test PYTHON=python3.12
 
 PYTHON ?= python3
 VENV ?= .venv
+SEEDS ?= 1000
 BIN := $(VENV)/bin
 DEMO := demo/$(shell date +%Y-%m-%d-%H%M%S)
 
@@ -76,7 +78,7 @@ bench: $(VENV)/installed-dev
 
 # One after the other: what has to come in time needs the processors for itself.
 torture: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -m torture --times 50
+	$(BIN)/python -m pytest -m torture --times 50 --seeds $(SEEDS)
 
 # Whatever is installed is installed again when what it depends on has changed.
 $(VENV)/installed: pyproject.toml | $(BIN)/python

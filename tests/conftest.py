@@ -48,6 +48,8 @@ DEEP_IN_CI = tuple(
 def pytest_addoption(parser: pytest.Parser) -> None:
     """`--times N`: so many times as much garbage and force, as `make torture` has it."""
     parser.addoption("--times", type=int, default=1, help="of marker torture")
+    parser.addoption("--seeds", type=int, help="how many of test_faults_by_seed.py")
+    parser.addoption("--seed", type=int, help="the only one of test_faults_by_seed.py")
 
 
 @pytest.fixture
