@@ -160,7 +160,8 @@ def test_a_run_whose_robot_failed_is_gone_on_with_and_not_mixed_with_another_pla
     ended = pkmcal("run", tiny, "--yes")
     assert ended.code == 3
     assert "drive fault axis 2" in ended.error_line
-    assert pkmcal("plan", tiny, "--seed", 8).code == 0
+    assert "--force plans anew" in pkmcal("plan", tiny, "--seed", 8).error_line
+    assert pkmcal("plan", tiny, "--seed", 8, "--force").code == 0
     for how in ("--yes", "--dry"):
         refused = pkmcal("run", tiny, how)
         assert refused.code == 2

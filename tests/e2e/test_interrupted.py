@@ -79,7 +79,7 @@ def assert_resumes(pkmcal, folder):
 def test_a_campaign_belongs_to_one_process_until_ctrl_c_stops_the_robot_in_order(
     at_work, planned, pkmcal
 ):
-    for command in (["run", planned, "--yes"], ["plan", planned], ["identify", planned]):
+    for command in (["run", planned, "--yes"], ["plan", planned, "--force"], ["identify", planned]):
         refused = pkmcal(*command)
         assert refused.code == 2
         assert f"process {at_work.pid}" in refused.error_line
