@@ -9,6 +9,13 @@ from campaigns.errors import CampaignError
 from campaigns.evidence import Evaluation, evaluate
 from campaigns.files.lock import lock_holder
 from campaigns.next_step import NextStep, next_step, state_of
+from campaigns.settings.instrument import StatedInstrument
+
+DEFAULT_LIMITS = (
+    "such points have no uncertainty of their own, and tracker.uncertainty in campaign.yaml names "
+    "no data sheet: U will rest on default limits, by which no certificate is issued; state them "
+    "before you measure"
+)
 
 
 def tell_who_works(terminal: Terminal, campaign: CampaignFolder) -> None:
@@ -16,6 +23,13 @@ def tell_who_works(terminal: Terminal, campaign: CampaignFolder) -> None:
     held_by = lock_holder(campaign.folder)
     if held_by is not None:
         terminal.note(f"! another process works on this campaign now: {held_by.says}", WARNING)
+
+
+def tell_source_of_u(terminal: Terminal, campaign: CampaignFolder) -> None:
+    """Note that points typed or read from a file will have the U of default limits."""
+    tracker = campaign.config.tracker
+    if tracker.states_no_uncertainty and StatedInstrument.of(tracker).source == "default":
+        terminal.note(f"! {DEFAULT_LIMITS}", WARNING)
 
 
 def tell_next(

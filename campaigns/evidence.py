@@ -705,7 +705,7 @@ def _checks(evidence: Evidence) -> Iterator[Check]:
         detail = f"check, series {check.series}: {check.says}"
         yield Check("the robot is as it was identified", holds=False, detail=detail)
     yield _check_of_start(evidence)
-    yield from _checks_of_instrument(evidence)
+    yield from checks_of_instrument(evidence)
     if journal is not None and journal.unended_load:
         statement = "it is known what the controller holds"
         yield Check(statement, holds=False, detail="a load was begun and not ended")
@@ -807,7 +807,7 @@ def _check_of_start(evidence: Evidence) -> Check:
 
 # Only points without an uncertainty of their own rest on the limits of the noise, but all rest on
 # the limits of what shots have in common. So any change is named, for every series that counts.
-def _checks_of_instrument(evidence: Evidence) -> Iterator[Check]:
+def checks_of_instrument(evidence: Evidence) -> Iterator[Check]:
     """Yield a check for each change of the tracker's limits after a series was measured.
 
     None of them decides: the limits that were recorded with the series count.

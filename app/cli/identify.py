@@ -4,10 +4,11 @@ from typing import Annotated
 
 import typer
 
-from app.console import Terminal
+from app.console import WARNING, Terminal
 from app.next import tell_next
 from app.report.terminal_text import show_identification
 from campaigns.campaign import Campaign
+from campaigns.evidence import checks_of_instrument, evaluate
 from campaigns.identification.options import IdentificationOptions
 from campaigns.workflow.checking import update_by_check
 from campaigns.workflow.identification import identify
@@ -41,6 +42,10 @@ def command(
     with terminal.telling("identifying") as now_at:
         result = update_by_check(campaign) if update else identify(campaign, options, now_at)
     terminal.detail(f"model {result.provenance.model}, {result.provenance.seconds:.2f} s")
+    evaluation = evaluate(campaign)
+    # a limit of the tracker that was changed after the measurement has no effect: say why
+    for check in checks_of_instrument(evaluation.evidence):
+        terminal.say(f"! not confirmed: {check.statement}: {check.detail}", WARNING)
     show_identification(terminal, result, campaign.robot.mechanism.parameters)
-    following = tell_next(terminal, campaign)
+    following = tell_next(terminal, campaign, evaluation=evaluation)
     terminal.conclude(result.document(), following, is_good=result.judgement.verdict == "pass")

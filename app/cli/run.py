@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from app.console import WARNING, Terminal
 from app.measuring import ObservationJob, RunJob, find_measured, measure
-from app.next import tell_next, tell_who_works
+from app.next import tell_next, tell_source_of_u, tell_who_works
 from app.options import Anew, Dry, Plain, Yes
 from app.plan_text import plan_line
 from app.run_screen import certainty
@@ -98,6 +98,7 @@ def command(
         show_preview(terminal, campaign, checked, work, ran, anew=anew)
         return
     if ran is None:
+        tell_source_of_u(terminal, campaign)
         predicted_end(campaign, work)  # refuses a goal that the whole plan cannot reach
         preview = run_preview(campaign, checked.seconds, work, anew=anew)
         job = RunJob(campaign, work, preview, options.retry)

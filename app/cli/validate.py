@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 from app.console import WARNING, Terminal
 from app.measuring import ValidationJob, measure
-from app.next import tell_next
+from app.next import tell_next, tell_source_of_u
 from app.options import Anew, Dry, Plain, Yes
 from app.report.terminal_text import show_validation
 from app.wiring import connected_robot
@@ -73,6 +73,7 @@ def command(
         return
     if stage == "after" and not any(campaign.config.acceptance.model_dump().values()):
         terminal.note(NO_LIMITS, WARNING)
+    tell_source_of_u(terminal, campaign)
     # 1. tests that are measured already: their results would be replaced
     replaced = validation.replaced(campaign, stage, options.tests)
     if replaced and not options.force:

@@ -320,6 +320,11 @@ class TrackerConfig(FileModel):
         return self
 
     @property
+    def states_no_uncertainty(self) -> bool:
+        """Whether its points come without an uncertainty: they are typed, or read from a file."""
+        return self.driver in catalog.ADDRESSES
+
+    @property
     def acceptance_rad(self) -> float:
         """The largest angle of the beam to the reflector's direction."""
         return math.radians(self.acceptance_deg)

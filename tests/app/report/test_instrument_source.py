@@ -8,6 +8,9 @@ from paper_campaign import PaperCampaign, new_campaign, whole_campaign
 from test_certificate import WHOLE
 from test_page import page, words_of
 
+from app.console import Terminal
+from app.new_campaign import create_for_devices
+from app.next import tell_source_of_u
 from campaigns.campaign import open_campaign
 from campaigns.evidence import evaluate, gather, restated_series
 from campaigns.settings.sections import AcceptanceConfig, InstrumentsConfig, PeopleConfig
@@ -123,3 +126,20 @@ def test_a_certificate_names_tracker_environment_and_who_authorises_it(tmp_path)
         "tracker.serial", "certificate.conditions",
     ):  # fmt: skip
         assert f"`{key}`" in lacks
+
+
+@pytest.mark.parametrize(
+    ("url", "changes", "is_told"),
+    [
+        ("by-hand", {}, True),
+        ("file:points.txt", {}, True),
+        ("by-hand", SOURCE, False),
+        ("tcp://127.0.0.1:700", {}, False),
+    ],
+)
+def test_who_types_points_is_told_before_the_robot_moves(tmp_path, capsys, url, changes, is_told):
+    create_for_devices(tmp_path / "c", "par4-prototype", "by-hand", url)
+    paper = PaperCampaign(tmp_path / "c", open_campaign(tmp_path / "c"), np.random.default_rng(4))
+    edit(paper, changes)
+    tell_source_of_u(Terminal(as_json=False), paper.campaign)
+    assert ("by which no certificate is issued" in capsys.readouterr().err) is is_told
