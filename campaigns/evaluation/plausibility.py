@@ -218,9 +218,10 @@ def _check_stations(
     # Every border between the pieces is tried, in the order of time, for the sum of their squares.
     order = shots.order_of_time()
     modelled = nominal.forward(shots.joints[order])
-    rows = order[np.flatnonzero(modelled.is_solved)]
-    positions = nominal.points(modelled.values[modelled.is_solved])
-    points = shots.points_in_tracker_mm[rows]
+    points = shots.points_in_tracker_mm[order]
+    is_usable = modelled.is_solved & np.isfinite(points).all(axis=1)
+    rows, points = order[is_usable], points[is_usable]
+    positions = nominal.points(modelled.values[is_usable])
     best = (math.inf, 0)
     for border in range(FEWEST_SHOTS, len(rows) - FEWEST_SHOTS + 1):
         pieces = np.split(np.arange(len(rows)), [border])
@@ -247,6 +248,7 @@ def _check_stations(
 
 def _check_maps(nominal: Kinematics, shots: Shots, where: str) -> None:
     """Raise `ShotsInvalid` where a scale of lengths or affine maps of the joints explain shots."""
+    shots = shots.rows(np.flatnonzero(np.isfinite(shots.points_in_tracker_mm).all(axis=1)))
     points = shots.points_in_tracker_mm
     modelled = nominal.forward(shots.joints)
     if np.count_nonzero(modelled.is_solved) >= FEWEST_SHOTS:
