@@ -53,9 +53,9 @@ LINE_SPREAD = 0.02
 PLAUSIBLE_MISFIT = 0.06
 """Misfit in parts of the points' spread: robots with lengths off by 10 mm and joints by 5° stay
 below it, and one of the wrong order of joints is above."""
-MUCH_BETTER = 0.6
+BETTER_BY = 0.6
 """Ratio of misfits below which another reading is the cause."""
-RIGHT_MISFIT = MUCH_BETTER * PLAUSIBLE_MISFIT
+RIGHT_MISFIT = BETTER_BY * PLAUSIBLE_MISFIT
 """Misfit of shots that are read rightly, up to which a cause explains them without doubt."""
 IMPOSSIBLE_MISFIT = 0.3
 """Misfit that no robot of this kind has: below it the robot may be far off its drawing."""
@@ -186,7 +186,7 @@ def _check_reading(
         for reading in each_reading(*half, joints_by_causes, points[rows], unit)
     ]
     best_cost = min(reading.cost for reading in tried)
-    is_better = best_cost <= min(MUCH_BETTER * unchanged.cost, PLAUSIBLE_MISFIT)
+    is_better = best_cost <= min(BETTER_BY * unchanged.cost, PLAUSIBLE_MISFIT)
     if is_better and best_cost <= RIGHT_MISFIT:
         raise _refusal_by(_best_readings(tried, place_mm), where)
     _check_stations(nominal, shots, where)
@@ -281,7 +281,7 @@ def _check_crossbar(
     _, robot = of_halves[place]
     is_middle = [model.mechanism.is_between_halves for model in (nominal, robot)]
     best = as_written[place]
-    if best.cost <= min(MUCH_BETTER * unchanged.cost, PLAUSIBLE_MISFIT) and any(is_middle):
+    if best.cost <= min(BETTER_BY * unchanged.cost, PLAUSIBLE_MISFIT) and any(is_middle):
         raise _refusal_by([best], where)
 
 
