@@ -43,9 +43,8 @@ from campaigns.planning.plan_check import CheckedPlan
 from campaigns.workflow import validation
 from campaigns.workflow.observation_run import fill_in, observation_work, planned_observations
 from campaigns.workflow.running import RunPreview, measured_before, run_preview, run_work
-from drivers.by_hand import BACK
 from drivers.errors import Cancelled, DriverError, ExplainedError, WrongDevice
-from drivers.ports import Prompt
+from drivers.ports import BACK, Prompt
 
 Result = TypeVar("Result")
 WISH_OF_KEY = {"p": Wish.PAUSE, "s": Wish.SKIP, "r": Wish.AGAIN, "k": Wish.PARK}

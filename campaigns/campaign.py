@@ -43,8 +43,7 @@ from campaigns.planning.plans import PlanRequest, View, region_of, restricted_sp
 from campaigns.robots.robot import RobotDocument, RobotFile, pose_of, read_robot
 from campaigns.settings.config import CampaignConfig, read_campaign
 from campaigns.settings.instrument import StatedInstrument
-from campaigns.settings.sections import BY_HAND, OFFLINE, SIMULATED
-from drivers.catalog import FILE
+from campaigns.settings.sections import BY_HAND, FILE, OFFLINE, SIMULATED
 from drivers.system import HAS_POSIX
 from drivers.values import vector
 

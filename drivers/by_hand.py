@@ -23,12 +23,11 @@ from drivers.errors import (
     WireError,
 )
 from drivers.plausible import require_joints, require_point
-from drivers.ports import LaserTracker, Prompt, RobotController
+from drivers.ports import BACK, LaserTracker, Prompt, RobotController
 from drivers.wire.robotline import RobotLayout
 from drivers.wire.typed_numbers import typed_numbers
 
 NO_POINT = "-"
-BACK = "u"
 AGAIN = f"{BACK}: the last shot again"
 QUESTION = (
     f"measure the reflector and type or paste its point: x y z, mm ({NO_POINT}: none, {AGAIN}) "

@@ -15,6 +15,8 @@ from drivers import values
 
 Prompt = Callable[[str], str]
 """Asks the operator and returns the line that is typed; raises `Cancelled` at the wish to stop."""
+BACK = "u"
+"""Answer of an operator who wants the last shot, or observation, again."""
 
 
 class Clock(Protocol):

@@ -12,7 +12,9 @@ FEWEST_COMMENTS, MOST_COMMENTS = 0.025, 0.060
 SLACK_COMMENTS = 6
 """Comments that a small room may have beyond; a large one a tenth of its most."""
 
-BAD = """def f(a, b, c, d, e, g, h) -> tuple[int, str, float]:
+BAD = """SAYS = "12 packets" " passed over"
+
+def f(a, b, c, d, e, g, h) -> tuple[int, str, float]:
     \"\"\"What nobody is told anew, as fast as light.\"\"\"
     found = [each for each in a]  # the size that is none
     return found
@@ -36,7 +38,7 @@ def test_every_rule_sees_its_example(tmp_path):
     file = tmp_path / "example.py"
     file.write_text(BAD, encoding="utf-8")
     rules = [breach.rule for breach in style.breaches_in(file)]
-    assert [rules.count(rule) for rule in style.RULES] == [5, 1, 1, 1, 1]
+    assert [rules.count(rule) for rule in style.RULES] == [5, 1, 1, 1, 1, 1]
 
 
 @pytest.mark.parametrize(("room", "counts"), style.comments_by_room().items())

@@ -68,7 +68,11 @@ def transmission_fields(unit: Literal["deg", "mm"], part: str) -> tuple[Paramete
         ("ripple_sin", f"the {part}'s ripple, factor of the sine of its phase", "ripple"),
         ("ripple_cos", f"the {part}'s ripple, factor of the cosine of its phase", "ripple"),
         ("backlash", f"the {part}'s lost motion", "backlash"),
-        ("compliance", f"the {part}'s yield to the plate's weight, at 300 mm", "compliance"),
+        (
+            "compliance",
+            f"the {part}'s compliance under the plate's weight, at 300 mm",
+            "compliance",
+        ),
     )
     ratio = "the excess of the joint's motion over its reading, ppm"
     return (

@@ -21,7 +21,7 @@ OFFLINE = "offline"
 """Word in place of an address: nothing is connected, programs are exported and files imported."""
 SIMULATED = "sim://"
 """Beginning of the address of a device of a simulated cell."""
-BY_HAND = catalog.BY_HAND
+BY_HAND, FILE = catalog.BY_HAND, catalog.FILE
 # a user name or a path in an address is refused, because no driver would use it
 URL_PATTERN = (
     r"^(tcp://[^\s@/?#]+:\d{1,5}|serial://\S+|"
