@@ -44,7 +44,7 @@ A campaign is a folder; each command names the next one.
 Try it without hardware: pkmcal dry-run
 """
 
-MORE_HELP = """All commands: pkmcal --help     A command: pkmcal COMMAND --help
+MORE_HELP = """All commands: pkmcal --help   One: pkmcal COMMAND --help
 Pages:        pkmcal help"""
 
 EXIT_CODES = """Exit codes: 0 done and good; 1 done, but the result is not good; 2 bad input or
@@ -312,7 +312,11 @@ def run_command(arguments: list[str]) -> int:
 def overview() -> str:
     """Return the twelve usual commands, and where the others are: it fits on a small terminal."""
     usual = [*COMMANDS.items()][:FIRST_COMMANDS]
-    rows = (f"  {name:<10}{summary}" for name, (_, summary) in usual)
+    width, margin = get_terminal_size().columns, " " * 12
+    rows = (
+        fill(f"  {name:<10}{summary}", width, subsequent_indent=margin)
+        for name, (_, summary) in usual
+    )
     return "\n".join([HELP, "Commands, in the order of a campaign:", *rows, "", MORE_HELP])
 
 

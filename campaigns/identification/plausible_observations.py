@@ -14,7 +14,7 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import ObservationsInvalid, ShotsMissing
-from campaigns.evaluation.plausibility import MUCH_BETTER
+from campaigns.evaluation.plausibility import BETTER_BY
 from campaigns.evaluation.readings import UNITS
 from campaigns.fit.kinds import KINDS, differentiate
 from campaigns.identification.objects import Object
@@ -105,7 +105,7 @@ def _check_object(
         cause: _misfit(other_kinds(meant, nominal), nominal) for cause, meant in _readings(measured)
     }
     cause = min(causes, key=lambda words: causes[words])
-    if causes[cause] <= min(MUCH_BETTER * misfit_mm, NOMINAL_MM):
+    if causes[cause] <= min(BETTER_BY * misfit_mm, NOMINAL_MM):
         raise ObservationsInvalid(
             f"{where}: {cause}: half of the {plural} of {name} are {misfit_mm:.3g} mm "
             f"or more from the nominal robot as written, {causes[cause]:.2g} mm so read",
