@@ -41,7 +41,7 @@ def test_turns_are_determined_by_halves_in_turn(pkmcal, in_turn):
     assert 0.3 < sum(shot.outcome.reflector == "half 2" for shot in shots) / len(shots) < 0.6
     predicted = [s.outcome for s in shots if s.outcome.reflector and s.outcome.residual_mm]
     assert len(predicted) > 5
-    said = pkmcal("identify", in_turn).out
+    said = pkmcal("--verbose", "identify", in_turn).out
     assert "rotation: determined" in said
     assert "of half 2 that were not fitted" in said
 

@@ -188,7 +188,7 @@ def test_keys_pause_measure_again_park_and_stop(planned):
         notes = [event.text for event in events if event.kind == "operator note"]
         endings = [e.record.how for e in journal.records_of(SessionStopped)]
     assert endings == ["interrupted", "interrupted"], "told to go on once"
-    assert [text.split()[0] for text in notes] == ["paused", "the", "measuring", "parked"]
+    assert [text.split()[0] for text in notes] == ["paused", "resumed", "measuring", "parked"]
 
 
 @pytest.mark.long
