@@ -477,7 +477,8 @@ class Player:
     def _is_done_by_next(self):
         words = self.story.words.format(folder=self.folder, retry=self.rng.choice([0, 0, 3]))
         # what a lying device gave first contradicts all that is true: then the line says so
-        is_told = not self.world.is_hostile and "--anew" in self.said.rpartition(" → ")[2]
+        has_lied = not self.world.is_hostile and not self.world.faults.keys().isdisjoint(LIES)
+        is_told = has_lied and "--anew" in self.said.rpartition(" → ")[2]
         self._do(*words.split(), *(["--anew"] if is_told else []))
         return self.codes[-1] in self.story.codes
 
@@ -526,6 +527,8 @@ class Player:
             self._break("the controller holds a mixed set")
         if code == 0 and self.story.words.startswith("load") and has_new == ("--rollback" in words):
             self._break("exit code 0, and the controller does not hold it")
+        if self.name == "import" and len(self.live()) not in {0, self.story.shots}:
+            self._break("half an import counts")
         if code == "killed":
             return
         alarms = ("EMERGENCY STOP", "state unknown")
