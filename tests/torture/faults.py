@@ -382,7 +382,7 @@ STORIES = {
     "run": Story("planned", "run {folder} --yes --retry {retry}", shots=12, often=6),
     "validate": Story("planned", VALIDATE, DONE_BEFORE, shots=3, often=2),
     "check": Story("exported", "check {folder} --yes --retry {retry}", GOOD_OR_NOT, 8, often=2),
-    "update": Story("checked", "identify {folder} --update", GOOD_OR_NOT),
+    "update": Story("checked", "identify {folder} --update", DONE_BEFORE),
     "identify": Story("exported", "identify {folder}", GOOD_OR_NOT),
     "import": Story("planned", "import {folder} {folder}/shots.csv", DONE_BEFORE, shots=26),
     "load": Story("exported", LOAD, often=4),
