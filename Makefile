@@ -4,6 +4,8 @@
 #   make test    the test suite, on all processors
 #   make quick   what of it takes less than a minute
 #   make long    tests that take many seconds each: runs killed at every record, faults, odd files
+#   make test-lowest   the test suite with the lowest versions that pyproject.toml allows
+#   make test-pythons  the test suite with every Python from 3.11 on that is installed
 #   make peers   tests with real peers: a controller, other people's clients, a browser
 #   make lint    style, format, types and layers
 #   make bench   how long users wait, real robots, and how large the house is
@@ -29,7 +31,7 @@ unexport PYTHONDONTWRITEBYTECODE
 COMPILE := $(BIN)/python -m compileall -q app campaigns drivers sim pkmcal.py
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
-.PHONY: demo test quick long peers lint bench pictures reference torture
+.PHONY: demo test quick long test-lowest test-pythons peers lint bench pictures reference torture
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
@@ -46,6 +48,19 @@ quick: $(VENV)/installed-dev
 long: $(VENV)/installed-dev
 	$(PYTEST) -m "long and not peer"
 	$(BIN)/python -m pytest -m "long and peer"
+
+test-lowest: .venv-lowest/installed
+	.venv-lowest/bin/python -m pytest --numprocesses auto --dist worksteal -m "not peer and not long"
+
+# Each has an environment of its own; one that is not installed is passed over.
+test-pythons:
+	@failed=0; \
+	for version in 3.11 3.12 3.13 3.14; do \
+		command -v python$$version >/dev/null || { echo "== python$$version: not installed"; continue; }; \
+		echo "== python$$version"; \
+		$(MAKE) test PYTHON=python$$version VENV=.venv-$$version || failed=1; \
+	done; \
+	exit $$failed
 
 # One after the other: controllers and browsers need the processors for themselves.
 peers: $(VENV)/installed-dev
@@ -90,6 +105,12 @@ $(VENV)/installed-dev: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable ".[dev]"
 	@$(COMPILE)
 	@touch $@ $(VENV)/installed
+
+.venv-lowest/installed: pyproject.toml .ci/lowest_versions.py
+	$(PYTHON) -m venv .venv-lowest
+	.venv-lowest/bin/python .ci/lowest_versions.py > .venv-lowest/lowest.txt
+	.venv-lowest/bin/python -m pip install --quiet --constraint .venv-lowest/lowest.txt --editable ".[dev]"
+	@touch $@
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

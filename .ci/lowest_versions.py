@@ -1,0 +1,26 @@
+"""Print the lowest versions that pyproject.toml allows of what the product needs, one a line.
+
+As a file of constraints for pip: `pip install --constraint`. Tools of the developers have none.
+"""
+
+import re
+import sys
+import tomllib
+from pathlib import Path
+
+PROJECT = Path(__file__).resolve().parent.parent / "pyproject.toml"
+BOUND = re.compile(r"([A-Za-z0-9._-]+)>=([0-9.]+)")
+
+
+def constraints() -> list[str]:
+    """Return each dependency with its bound; raise `ValueError` for one without."""
+    lines = ["pyparsing<3.3"]  # a Matplotlib of then calls it by names that it warns of since
+    for line in tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]["dependencies"]:
+        if not (bound := BOUND.fullmatch(line)):
+            raise ValueError(f"{line}: must be NAME>=VERSION")
+        lines.append("==".join(bound.groups()))
+    return lines
+
+
+if __name__ == "__main__":
+    sys.stdout.write("".join(f"{line}\n" for line in constraints()))
