@@ -55,10 +55,7 @@ value and limit, what to do next.
 
 COMMANDS = {
     "new": ("new", "Make a campaign's folder: settings and nominal robot."),
-    "devices": (
-        "devices",
-        "Connect to both devices and show their state; nothing moves without --move.",
-    ),
+    "devices": ("devices", "Connect to both devices and show their state."),
     "plan": ("plan", "Choose the poses to measure and write plan.csv."),
     "validate": ("validate", "Measure how accurate the robot is as its user commands it."),
     "run": ("run", "Measure the shots of the plan that are still missing."),

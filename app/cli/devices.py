@@ -48,7 +48,9 @@ Move = Annotated[
 def command(
     terminal: Terminal, campaign: Campaign, *, move: Move = False, yes: Yes = False
 ) -> None:
-    """Connect to both devices and show their state; nothing moves without --move.
+    """Connect to both devices and show their state.
+
+    Nothing moves without --move.
 
     Connects to controller and tracker, one after the other, and shows identities, joints, faults,
     the tracker's start-up, beam, reflectors and weather. campaign.yaml needs some of these: serial

@@ -39,6 +39,7 @@ def command(terminal: Terminal, campaign: CampaignFolder, changes: Changes) -> N
     pkmcal set cell-3 plan.shots=60 acceptance.distance_mean_mm=0.1
     """
     pairs = dict(map(_split, changes))
+    # All keys are checked before the file is replaced: half of a change may make no sense.
     with campaign_lock(campaign.folder, now_utc=now_utc):
         settings = changed_settings(campaign.folder, pairs)
         replace_text(campaign.folder / FILE_NAME, settings.text)

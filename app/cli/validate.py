@@ -81,7 +81,8 @@ def command(
         if not terminal.asks(question):
             raise replaced
     # 2. the controller's parameters contradict the stage: with the nominal ones it is not "after"
-    with connected_robot(campaign) as controller:
+    # (held: another command that measures has the controller for itself)
+    with campaign.held(), connected_robot(campaign) as controller:
         held = controller.read_geometry()
     wrong = validation.wrong_stage(campaign, held, stage, terminal.note, by=options.by)
     if wrong is not None and not options.force:

@@ -67,7 +67,7 @@ def test_an_offline_campaign_from_its_folder_to_its_page(tmp_path):
         ("check-journal", folder),
     )  # fmt: skip
     assert (ended.returncode, "Traceback" in ended.stderr) == (0, False), ended.stderr
-    assert "the journal is whole" in ended.stdout
+    assert "the journal is intact" in ended.stdout
     assert (folder / "robot-compensated.yaml").read_bytes().count(b"\r") == 0
     assert "σ" in (folder / "report.html").read_text(encoding="utf-8")
 
