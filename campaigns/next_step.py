@@ -14,11 +14,12 @@
 # made again is the exception, for without its options it would be another campaign.
 
 import shlex
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
 from campaigns.controllers.controller_state import ControllerState
+from campaigns.controllers.delta_firmware import has_firmware
 from campaigns.controllers.export import FILE_NAME, PLAIN_FILE
 from campaigns.evaluation.decision import NO_LIMIT, Decision
 from campaigns.evidence import Evaluation, Evidence
@@ -44,8 +45,6 @@ OBSERVE = (
 MEASURE = (
     "run program-{0} on the controller, measure at each of its stops, save that as {0}.txt in mm"
 )
-FIRMWARE_OF: Mapping[str, Literal["klipper"]] = {"linear-delta": "klipper"}
-"""Firmware of printers that are calibrated without a tracker, by mechanism."""
 CHANGED = "look for what changed since the shots, and measure again"
 OTHER_LIMITS = "agree other limits with the customer ({reasons})"
 
@@ -525,15 +524,15 @@ def _with_file_to_load(
         return replace(state, file=plain)
     if evidence.file_origin != digest:
         is_there = evidence.file_origin is not None or evidence.spoilt_parameter_file
-        mechanism = evidence.campaign.robot.mechanism.name
         # a printer has no tracker and no controller that takes a robot file: its firmware has keys
-        if state.offline and state.measured == "observations" and mechanism in FIRMWARE_OF:
-            firmware, written = FIRMWARE_OF[mechanism], evidence.written
+        is_printer = has_firmware(evidence.campaign.robot.mechanism)
+        if state.offline and state.measured == "observations" and is_printer:
+            written = evidence.written
             form = written.projection if written else None
             if written and form and form.of == digest:  # also of another firmware
                 return replace(state, file=written.file)
-            is_there = evidence.campaign.path(f"{firmware}.cfg").exists()
-            return replace(state, to_export=firmware, overwrite=is_there)
+            is_there = evidence.campaign.path("klipper.cfg").exists()
+            return replace(state, to_export="klipper", overwrite=is_there)
         return replace(state, to_export="yaml", overwrite=is_there)
     return state
 

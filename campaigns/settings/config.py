@@ -41,10 +41,12 @@ USUAL = (
     *("tracker.measuring_time_s", "tracker.place_mm"),
     *("tracker.uncertainty.along_um", "tracker.uncertainty.along_um_per_m"),
     *("tracker.uncertainty.across_um", "tracker.uncertainty.across_um_per_m"),
+    *("tracker.uncertainty.data_sheet", "tracker.uncertainty.typed_by"),
     *("objects", "plan.shots", "plan.validation_pairs", "plan.placement"),
     *("acceptance.distance_mean_mm", "acceptance.distance_max_mm", "acceptance.rotation_mm"),
     *("acceptance.straightness_mm", "people.operator", "people.site"),
-    *("certificate.number", "certificate.customer"),
+    *("instruments.tracker", "certificate.number", "certificate.customer"),
+    "certificate.authorised_by",
 )
 """Keys that people change, which a new file shows; the others stand on the page of keys."""
 FURTHER_KEYS = (

@@ -54,7 +54,7 @@ def test_a_server_that_lies_is_refused_with_what_it_does(pkmcal, cell, lies, sai
     answer = pkmcal("devices", cell(lies=lies), "--move", "--yes")
     assert answer.code == 3
     assert said in answer.err
-    assert "docs/reference/robotline.md" in answer.err
+    assert "`pkmcal help robotline`" in answer.err
 
 
 def test_a_run_sees_by_its_first_long_leg_what_a_server_must_not_do(pkmcal, cell):

@@ -84,6 +84,7 @@ class World(InProcessCell):
     def __init__(self, folder, rng):
         self.folder, self.rng = folder, rng
         memory = json.loads((folder / "cell-memory.json").read_text(encoding="utf-8"))
+        memory.pop("identity", None)  # the campaign's, which is not the cell's own
         cell = Cell(load_scenario(str(folder / "cell.yaml")), memory=memory)
         super().__init__(cell, EventClock(math.inf))
         self.rate = 10 ** -rng.uniform(1.0, 3.0)
