@@ -45,7 +45,7 @@ def command(
     evaluation = evaluate(campaign)
     # a limit of the tracker that was changed after the measurement has no effect: say why
     for check in checks_of_instrument(evaluation.evidence):
-        terminal.say(f"! open: {check.statement}: {check.detail}", WARNING)
+        terminal.say(f"! {check.denied}: {check.detail}", WARNING)
     show_identification(terminal, result, campaign.robot.mechanism.parameters)
     following = tell_next(terminal, campaign, evaluation=evaluation)
     terminal.conclude(result.document(), following, is_good=result.judgement.verdict == "pass")

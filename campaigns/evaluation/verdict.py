@@ -45,6 +45,7 @@ OPPOSITES: Mapping[str, str] = {
     "were": "were not",
     "held": "did not hold",
     "says": "does not say",
+    "states": "does not state",
     "contains": "does not contain",
     "belong": "do not belong",
 }
