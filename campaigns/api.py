@@ -19,6 +19,7 @@ from campaigns.controllers.corrected_targets import TargetCorrection
 from campaigns.design import pose_sampling
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.errors import PlanInvalid
+from campaigns.files.table import Column, decimals_by, html_table, words
 from campaigns.fit.rigid_transforms import Transform
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.identification.identify import identify as identify_shots
@@ -246,6 +247,16 @@ class Plan:
     def __repr__(self) -> str:
         worst_mm = self.precision.position_std_mm.max()
         return f"<Plan: {len(self.shots)} shots, 1 σ of any position ≤ {worst_mm:.4f} mm>"
+
+    def _repr_html_(self) -> str:
+        """Return the predicted σ of each parameter as a table for notebooks."""
+        precision = self.precision
+        columns: tuple[Column[tuple[str, float]], ...] = (
+            words("parameter", lambda row: row[0]),
+            Column("predicted σ", lambda row: row[1], decimals=lambda row: decimals_by(row[1])),
+            words("unit", lambda row: precision.units[row[0]]),
+        )
+        return html_table(repr(self).strip("<>"), columns, precision.std.items())
 
     def plot(self) -> "Figure":
         """Return the figure of the planned poses from above and from the side, mm."""

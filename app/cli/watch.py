@@ -1,6 +1,5 @@
 """pkmcal watch: serve a live page of a campaign."""
 
-import importlib
 import io
 import os
 import sys
@@ -80,11 +79,9 @@ def _serve(server: LiveServer) -> None:
 
 
 def qr_code(text: str) -> list[str]:
-    """Return the lines of a QR code in block characters, or how to get one."""
-    try:
-        segno = importlib.import_module("segno")
-    except ModuleNotFoundError:
-        return ["for a QR code of it: pip install segno"]
+    """Return the lines of a QR code in block characters."""
+    import segno
+
     drawing = io.StringIO()
     segno.make(text).terminal(drawing, compact=True)
     return drawing.getvalue().splitlines()

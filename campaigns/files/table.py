@@ -8,8 +8,10 @@ unrounded number under the head that people see.
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from html import escape
+from importlib import import_module
 from operator import itemgetter
-from typing import Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 from campaigns.files.csv_file import csv_text, number_text
 
@@ -73,6 +75,37 @@ def csv_table(columns: Sequence[Column[T]], rows: Iterable[T]) -> str:
     """Return rows as a CSV file's text, below the columns' heads."""
     heads = [column.head for column in columns]
     return csv_text(heads, ([column.csv(row) for column in columns] for row in rows))
+
+
+def html_table(title: str, columns: Sequence[Column[T]], rows: Iterable[T]) -> str:
+    """Return rows as a table for notebooks, below their title; every text is escaped."""
+    head = "".join(
+        f"<th>{escape(f'{c.head}, {c.unit}' if c.unit else c.head)}</th>" for c in columns
+    )
+    lines = "".join(
+        "<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>"
+        for row in texts(columns, rows)
+    )
+    return (
+        f"<p>{escape(title)}</p><table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>"
+    )
+
+
+def find_pandas() -> Any:
+    """Return the module pandas; raise `ImportError` with a remedy without it.
+
+    Any: pandas is not among our dependencies.
+    """
+    try:
+        return import_module("pandas")
+    except ModuleNotFoundError as error:
+        if error.name != "pandas":  # it is installed, and lacks a part of its own
+            raise
+        raise ImportError(
+            "a DataFrame needs pandas, which is not installed → pip install pandas, or install "
+            "pkmcal with its extra: pip install '.[pandas]'",
+            name="pandas",
+        ) from error
 
 
 def number(value: float | None, decimals: int = 3, *, signed: bool = False) -> str:

@@ -485,6 +485,7 @@ class IdentificationResult:
     report = views.report
     to_frame = views.to_frame
     plot = views.plot
+    _repr_html_ = views.repr_html
 
     def __repr__(self) -> str:
         errors, free = self.residuals.unseen_mm, self.value.free

@@ -2,15 +2,16 @@
 
 import math
 from dataclasses import asdict
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from campaigns.files.table import Column, decimals_by, find_pandas, html_table, words
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from campaigns.identification.result import IdentificationResult
+    from campaigns.identification.result import IdentificationResult, IdentifiedParameter
 
 
 def report(result: "IdentificationResult") -> str:
@@ -37,11 +38,29 @@ def report(result: "IdentificationResult") -> str:
 def to_frame(result: "IdentificationResult") -> Any:
     """Return the parameters as a DataFrame; raise `ImportError` without pandas.
 
-    Any: pandas is not among our dependencies.
+    Any: as of `find_pandas`.
     """
     parameters = result.value.parameters.items()
     rows = [{"parameter": name, **asdict(parameter)} for name, parameter in parameters]
-    return import_module("pandas").DataFrame(rows).set_index("parameter")
+    return find_pandas().DataFrame(rows).set_index("parameter")
+
+
+def repr_html(result: "IdentificationResult") -> str:
+    """Return verdict, reasons and identified parameters as a table for notebooks."""
+    judgement, value = result.judgement, result.value
+    rows = [(name, value.parameters[name]) for name in value.free]
+
+    def decimals(row: tuple[str, "IdentifiedParameter"]) -> int:
+        return decimals_by(row[1].std)
+
+    columns: tuple[Column[tuple[str, IdentifiedParameter]], ...] = (
+        words("parameter", lambda row: row[0]),
+        Column("nominal", lambda row: row[1].nominal, decimals=decimals),
+        Column("identified", lambda row: row[1].value, decimals=decimals),
+        Column("Δ", lambda row: row[1].delta, decimals=decimals, signed=True),
+        Column("σ", lambda row: row[1].std, decimals=decimals),
+    )
+    return html_table(f"{judgement.verdict}: {'; '.join(judgement.reasons)}", columns, rows)
 
 
 def plot(result: "IdentificationResult") -> "Figure":

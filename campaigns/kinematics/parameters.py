@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from html import escape
 from itertools import chain
 from typing import Literal, Self
 
@@ -335,6 +336,21 @@ class Parameters(Mapping[str, float]):
 
     def __hash__(self) -> int:
         return hash(self.values_in_file)
+
+    def __repr__(self) -> str:
+        return f"<Parameters: {len(self)} of {self.table.arms} arms>"
+
+    def __str__(self) -> str:
+        std = self.std or {}
+        lines = (
+            f"{name:28}{value:14.6f}" + (f" ± {std[name]:.6f}" if name in std else "")
+            for name, value in self.items()
+        )
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """Return the values by name, with 1 σ where it is known, as a text for notebooks."""
+        return f"<pre>{escape(str(self))}</pre>"
 
     @cached_property
     def vector(self) -> Array:

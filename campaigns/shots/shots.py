@@ -13,7 +13,6 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from importlib import import_module
 from io import StringIO
 from typing import Any, TypedDict, Unpack
 
@@ -23,6 +22,7 @@ from numpy.typing import ArrayLike
 from campaigns.arrays import AXES, Array, Index, batch
 from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import number_text
+from campaigns.files.table import Column, find_pandas, html_table, words
 from campaigns.fit.rigid_transforms import distances_mm
 from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
 from campaigns.journal.records import Outcome
@@ -199,11 +199,26 @@ class Shots:
     def to_frame(self, robot: RobotFile) -> Any:
         """Return a DataFrame with the columns of shots.csv; raise `ImportError` without pandas.
 
-        Any: pandas is not among our dependencies.
+        Any: as of `find_pandas`.
         """
-        return import_module("pandas").read_csv(
-            StringIO(shots_text(rows_of_shots(self), robot.mechanism))
+        text = shots_text(rows_of_shots(self), robot.mechanism)
+        return find_pandas().read_csv(StringIO(text))
+
+    def _repr_html_(self) -> str:
+        """Return a table for notebooks: how many shots and pairs of each set there are."""
+        sets = Counter(purpose.value for purpose in self.purposes)
+        pairs = Counter(
+            purpose.value
+            for purpose, pair in {*zip(self.purposes, self.pairs, strict=True)}
+            if pair is not None
         )
+        columns: tuple[Column[tuple[str, int]], ...] = (
+            words("set", lambda row: row[0]),
+            Column("shots", lambda row: row[1]),
+            Column("pairs", lambda row: pairs[row[0]]),
+        )
+        title = f"{len(self)} shots of {self.joints.shape[1]} joints"
+        return html_table(title, columns, sets.items())
 
     def order_of_time(self) -> Index:
         """Return the rows as they were measured, by the journal's records: clocks may be set back.

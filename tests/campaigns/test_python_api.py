@@ -115,6 +115,33 @@ def test_a_result_is_a_report_and_a_table(measured):
     assert table.loc["arm0.arm_mm", "value"] == result.value.parameters["arm0.arm_mm"].value
 
 
+def test_notebooks_show_tables_whose_texts_are_escaped(measured):
+    shots, robot = measured
+    result = identify(shots, robot)
+    judgement = replace(result.judgement, reasons=("<script>a & b",))
+    text = replace(result, judgement=judgement)._repr_html_()
+    assert text.startswith(f"<p>{judgement.verdict}: &lt;script&gt;a &amp; b</p><table>")
+    assert text.count("<tr>") == 1 + len(result.value.free)
+    assert all(f"<tr><td>{name}</td>" in text for name in result.value.free)
+    made = plan(robot, (2400.0, -300.0, -600.0), shots=20, seed=3)
+    assert made._repr_html_().count("<tr>") == 1 + len(made.precision.std)
+    sets = ["identification"] * 2 + ["validation"] * 2
+    few = Shots.of(shots.joints[:4], np.ones((4, 3)), robot, sets=sets, pairs=[None, None, 3, 3])
+    assert "<p>4 shots of 3 joints</p>" in few._repr_html_()
+    assert "<td>identification</td><td>2</td><td>0</td>" in few._repr_html_()
+    assert "<td>validation</td><td>2</td><td>1</td>" in few._repr_html_()
+    values = robot.parameters
+    assert repr(values) == f"<Parameters: {len(values)} of 3 arms>"
+    assert len(str(values).splitlines()) == len(values)
+    assert values._repr_html_() == f"<pre>{values}</pre>"
+
+
+def test_a_data_frame_without_pandas_names_the_extra(measured, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match=r"pandas, which is not installed .*'\.\[pandas\]'"):
+        measured[0].to_frame(measured[1])
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
