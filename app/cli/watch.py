@@ -80,6 +80,8 @@ def _serve(server: LiveServer) -> None:
 
 def qr_code(text: str) -> list[str]:
     """Return the lines of a QR code in block characters."""
+    # Half blocks, so that the code stays square and fits beside the address on a small terminal.
+    # No other command draws one: none waits for its import.
     import segno
 
     drawing = io.StringIO()

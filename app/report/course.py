@@ -15,14 +15,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from app.report.drawing import AFTER, BEFORE, INK, QUIET, legend_above, new_panel
-from app.report.figures import DASHES, LINE_COLOURS, draw_arrows, figures_of, magnification
+from app.report.figures import DASHES, LINE_COLOURS, figures_of
 from app.report.tables import part_of, size_of
 from campaigns.arrays import AXES, Array
 from campaigns.evidence import Evidence
 from campaigns.fit.events import Event
-from campaigns.fit.rigid_transforms import Transform
 from campaigns.identification.findings import NAMED_LOG_ODDS, PERIOD, STAND
-from campaigns.identification.result import Diagnosis, Frame, RecordedIdentification
+from campaigns.identification.pictures import draw_arrows, magnification
+from campaigns.identification.result import Diagnosis, RecordedIdentification
 from campaigns.kinematics.mechanism import Mechanism
 from campaigns.shots.shot_sets import ShotSet
 
@@ -73,7 +73,8 @@ class Course:
     def unexplained_mm(self) -> Array:
         """Errors without a known source at each fitted shot, in the base frame, (N, 3)."""
         in_tracker_mm = np.array(self.diagnosis.unexplained_mm).reshape(-1, 3)
-        rotations = np.array([self._frame_of(n).rotation for n in self.diagnosis.numbers])
+        frame_of = self.identification.value.frame_of
+        rotations = np.array([frame_of(number).rotation for number in self.diagnosis.numbers])
         return np.asarray(np.einsum("nji,nj->ni", rotations, in_tracker_mm))
 
     @property
@@ -265,18 +266,10 @@ class Course:
 
     def _draw_unexplained(self, unexplained_mm: Array) -> Iterator[Axes]:
         """Yield the errors without a known source as arrows, from above and from the side."""
-        factor = magnification(unexplained_mm)
         places_mm = np.array(self.diagnosis.places_mm)
+        factor = magnification(unexplained_mm, places_mm)
         for view, axis, side in (("above", 1, "y, mm"), ("the side", 2, "z, mm")):
             title = f"unexplained, from {view}: {factor:g} × error"
             axes = new_panel(title, "x, mm", side)
             draw_arrows(axes, places_mm[:, [0, axis]], factor * unexplained_mm[:, [0, axis]], AFTER)
             yield axes
-
-    def _frame_of(self, number: int) -> Transform:
-        """Return the transform from the base to the tracker at a shot."""
-        value = self.identification.value
-        of_session = (s.frame for s in value.sessions if s.frame and number in s.shots)
-        frame: Frame | None = next(of_session, value.frame)
-        assert frame is not None, "a result with a diagnosis has a frame"
-        return frame.tracker_from_base

@@ -17,9 +17,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from campaigns.errors import WriteFailed
+from campaigns.identification import pictures
 
-INK, QUIET, GRID = "#22303c", "#66727d", "#d9dee2"
-BEFORE, AFTER = "#c98a3d", "#1f4e79"
+INK, GRID = "#22303c", "#d9dee2"
+QUIET, BEFORE, AFTER = pictures.QUIET, pictures.BEFORE, pictures.AFTER
 WIDTH_MM = 180.0
 """Width of the text on A4."""
 PANEL_MM = (88.0, 68.0)

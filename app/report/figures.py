@@ -31,6 +31,7 @@ from campaigns.arrays import AXES, Array, Mask
 from campaigns.evaluation.model_errors import PositionErrors
 from campaigns.evaluation.time_series import TimeSeries
 from campaigns.evaluation.validation import ValidationResult
+from campaigns.identification.pictures import draw_arrows, draw_correlation_map, magnification
 from campaigns.identification.result import ParameterCovariance
 from campaigns.kinematics.axes import Axis
 
@@ -41,8 +42,6 @@ GAP = 3
 """Number of empty places between two groups of pairs."""
 NUMBERED = 2
 """Number of largest errors of a group that are marked with the pair's number."""
-ARROW_MM = 130.0
-"""Length of the longest arrow on the scale of the axes, about an eighth of a common workspace."""
 LINE_COLOURS = {"x": AFTER, "y": BEFORE, "z": INK}
 DASHES = {"x": "-", "y": "--", "z": ":"}
 MARKERS = {"x": "o", "y": "s", "z": "^"}
@@ -112,7 +111,7 @@ def error_arrows(errors: PositionErrors, left_out_mm: Array = NO_PLACES) -> list
     for stage, errors_mm in zip(STAGES, (errors.before_mm, errors.after_mm), strict=True):
         if errors_mm is None:
             continue
-        factor = magnification(errors_mm)
+        factor = magnification(errors_mm, errors.poses[:, :3])
         for view, axis, side in (("from above", 1, "y, mm"), ("from the side", 2, "z, mm")):
             axes = new_panel(f"{stage}, {view}: arrows {factor:g} × error", "x, mm", side)
             sides = [0, axis]
@@ -124,25 +123,6 @@ def error_arrows(errors: PositionErrors, left_out_mm: Array = NO_PLACES) -> list
                 legend_above(axes, 1)
             panels.append(axes)
     return figures_of(panels)
-
-
-def draw_arrows(axes: Axes, starts: Array, lengths: Array, colour: str) -> None:
-    """Draw arrows with starts and lengths (N, 2) on the scale of the axes, which have one scale."""
-    look: Any = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.004}
-    axes.quiver(*starts.T, *lengths.T, color=colour, **look)
-    axes.plot(*starts.T, ".", color=QUIET, markersize=1.5)
-    axes.plot(*(starts + lengths).T, alpha=0.0)  # axes make room for lines, not for arrows
-    axes.set_aspect("equal", adjustable="datalim")
-
-
-def magnification(errors_mm: Array) -> float:
-    """Return the round factor that makes the longest of vectors (N, 3) about `ARROW_MM` long."""
-    # the largest of 1, 2 and 5 times a power of ten with which no arrow is longer than ARROW_MM
-    longest_mm = float(np.linalg.norm(errors_mm, axis=1).max())
-    if longest_mm == 0.0:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(ARROW_MM / longest_mm))
-    return float(max(f * power for f in (1, 2, 5) if f * power * longest_mm <= ARROW_MM))
 
 
 def errors_against_position(
@@ -283,23 +263,10 @@ def over_time(courses: Sequence[TimeSeries]) -> list[Figure]:
 
 def correlation_map(covariance: ParameterCovariance) -> list[Figure]:
     """Draw |ρ| of every two parameters as shades of grey."""
-    # The sign of ρ depends on how two parameters are defined; its size shows whether the shots can
-    # separate them, so the scale is 0 to 1. The matrix is symmetric with ones on its diagonal: only
-    # the part below it is drawn. A parameter without variance has no correlation, hence `tiny`.
-    # Labels shrink with the number of parameters, as each has a row.
-    std = np.sqrt(np.diag(covariance.array))
-    size = np.abs(covariance.array) / np.maximum(np.outer(std, std), np.finfo(np.float64).tiny)
-    places = np.arange(len(covariance.names)) + 0.5
-    letters = min(6.5, 260.0 / len(covariance.names))
+    # One panel alone, narrower than the text of A4: a row for each parameter gives it the height of
+    # a third of the page.
     figure = Figure(figsize=(150.0 / INCH_MM, 130.0 / INCH_MM))
-    axes = figure.add_axes((0.22, 0.22, 0.65, 0.75), aspect="equal")
-    shown = np.ma.masked_where(np.triu(np.ones_like(size)) > 0.0, size)
-    shades = axes.pcolormesh(shown, cmap="Greys", vmin=0.0, vmax=1.0)
-    axes.set_xticks(places, covariance.names, rotation=90, size=letters)
-    axes.set_yticks(places, covariance.names, size=letters)
-    axes.invert_yaxis()
-    axes.grid(visible=False)
-    figure.colorbar(shades, cax=figure.add_axes((0.9, 0.4, 0.02, 0.5)), label="|ρ|")
+    draw_correlation_map(figure, covariance)
     return [figure]
 
 

@@ -336,6 +336,13 @@ class Value:
         """Names of the parameters that were fitted."""
         return tuple(name for name, parameter in self.parameters.items() if parameter.free)
 
+    def frame_of(self, number: int) -> Transform:
+        """Return the transform from the base to the tracker at a shot."""
+        of_session = (s.frame for s in self.sessions if s.frame and number in s.shots)
+        frame: Frame | None = next(of_session, self.frame)
+        assert frame is not None, "a result of shots has a frame"
+        return frame.tracker_from_base
+
     def flat(self) -> dict[str, float]:
         """Return the identified parameters by name."""
         return {name: parameter.value for name, parameter in self.parameters.items()}

@@ -4,8 +4,6 @@ import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from campaigns.files.table import Column, decimals_by, find_pandas, html_table, words
 
 if TYPE_CHECKING:
@@ -63,18 +61,12 @@ def repr_html(result: "IdentificationResult") -> str:
     return html_table(f"{judgement.verdict}: {'; '.join(judgement.reasons)}", columns, rows)
 
 
-def plot(result: "IdentificationResult") -> "Figure":
-    """Return a figure of the errors of each shot by the nominal and the identified robot."""
-    from matplotlib.figure import Figure  # slow to import: only commands that draw wait for it
+def plot(result: "IdentificationResult", kind: str = "errors") -> "Figure":
+    """Return a figure by its word: `"errors"`, `"space"`, `"correlations"` or `"gain"`.
 
-    tables = ("fitted", result.residuals.fitted, "o"), ("hold-out", result.residuals.unseen, "x")
-    figure = Figure(figsize=(8.0, 3.5), layout="constrained")
-    axes = figure.add_subplot(yscale="log", ylabel="error, mm")
-    for kind, table, marker in tables:
-        if table is not None:
-            for state, errors in (("before", table.before), ("after", table.after)):
-                sizes, label = np.linalg.norm(errors, axis=1), f"{kind} {table.of}, {state}"
-                axes.plot(table.numbers, sizes, marker, markersize=4, label=label)
-    axes.set_xlabel("number in the plan")
-    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    return figure
+    Raise `OptionsInvalid` for another word, and `ShotsMissing` where the result lacks its rows.
+    """
+    # slow to import: only what draws waits for matplotlib
+    from campaigns.identification import pictures
+
+    return pictures.plot(result, kind)

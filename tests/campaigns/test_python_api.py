@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pkmcal
-from campaigns.errors import ConfigInvalid, OptionsInvalid, PlanInvalid
+from campaigns.errors import ConfigInvalid, OptionsInvalid, PlanInvalid, ShotsMissing
 from campaigns.identification.options import IdentificationOptions
 from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import RobotFile
@@ -134,6 +134,39 @@ def test_notebooks_show_tables_whose_texts_are_escaped(measured):
     assert repr(values) == f"<Parameters: {len(values)} of 3 arms>"
     assert len(str(values).splitlines()) == len(values)
     assert values._repr_html_() == f"<pre>{values}</pre>"
+
+
+def test_each_figure_has_its_word(measured):
+    shots, robot = measured
+    result = identify(shots, robot, options={"hold_out": "20%"})
+    titles = {
+        "errors": [""],
+        "space": ["before, from above", "before, from the side", "after, from above"],
+        "correlations": ["", ""],
+        "gain": ["before (open) and after (filled)", "after alone"],
+    }
+    for kind, starts in titles.items():
+        figure = result.plot(kind)
+        drawn = [axes.get_title() or axes.get_title("left") for axes in figure.axes]
+        assert all(map(str.startswith, drawn, starts)), kind
+    pairs = result.plot("gain").axes[1].lines[1]
+    assert list(pairs.get_ydata()) == list(result.residuals.unseen.after[:, 0])
+    with pytest.raises(OptionsInvalid, match="'spaces' is no figure → did you mean space"):
+        result.plot("spaces")
+    with pytest.raises(ShotsMissing, match="no pairs were held out"):
+        identify(shots, robot).plot("gain")
+
+
+def test_arrows_lie_in_the_axes_of_the_base(measured):
+    """The tracker is turned by 90° about z: an error along its x is one along y of the robot."""
+    shots, robot = measured
+    about_z = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    turned = replace(shots, points_in_tracker_mm=shots.points_in_tracker_mm @ about_z)
+    drawn = []
+    for of in (shots, turned):
+        arrows = identify(of, robot).plot("space").axes[0].collections[0]
+        drawn.append(np.column_stack([arrows.U, arrows.V]))
+    np.testing.assert_allclose(drawn[0], drawn[1], atol=0.02 * np.abs(drawn[0]).max())
 
 
 def test_a_data_frame_without_pandas_names_the_extra(measured, monkeypatch):

@@ -158,8 +158,8 @@ def test_unexplained_errors_are_arrows_in_the_base_frame(evaluation: Evaluation)
     course = course_of(evaluation, diagnosis=diagnosis)
     assert course.unexplained_mm == pytest.approx(np.tile([0.2, 0.0, 0.0], (count, 1)))
     assert titles(course)[1:] == [
-        "unexplained, from above: 500 × error",
-        "unexplained, from the side: 500 × error",
+        "unexplained, from above: 440 × error",
+        "unexplained, from the side: 440 × error",
     ]
 
 

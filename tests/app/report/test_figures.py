@@ -7,12 +7,13 @@ import pytest
 from paper_campaign import new_campaign
 
 from app.report.drawing import new_figure, save, svg_text
-from app.report.figures import error_arrows, magnification, pair_errors
+from app.report.figures import error_arrows, pair_errors
 from app.report.plots import plot_plan
 from app.report.tables import PairGroup
 from campaigns.errors import WriteFailed
 from campaigns.evaluation.model_errors import PositionErrors
 from campaigns.files.table import number
+from campaigns.identification.pictures import magnification
 from campaigns.planning.forecast import Forecast
 from drivers.texts import moment
 
@@ -46,9 +47,10 @@ def test_errors_of_nothing_at_all_can_be_drawn() -> None:
     assert aside.axes[0].get_ylabel() == "z, mm"
 
 
-@pytest.mark.parametrize(("size_mm", "factor"), [(26.0, 5.0), (0.5, 200.0), (130.0, 1.0)])
-def test_arrows_are_magnified_by_a_round_factor(size_mm: float, factor: float) -> None:
-    assert magnification(np.array([[0.0, size_mm, 0.0], [0.1, 0.0, 0.0]])) == factor
+@pytest.mark.parametrize(("size_mm", "factor"), [(26.0, 4.8), (0.55, 230.0), (125.0, 1.0)])
+def test_the_longest_arrow_is_an_eighth_of_the_places(size_mm: float, factor: float) -> None:
+    places = np.array([[0.0, -600.0, 0.0], [0.0, 400.0, 0.0]])
+    assert magnification(np.array([[0.0, size_mm, 0.0], [0.1, 0.0, 0.0]]), places) == factor
 
 
 def predicted(*names: str) -> Forecast:
