@@ -7,7 +7,7 @@
 # files: mm, deg and ppm.
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from campaigns.arrays import AXES, Array, batch
 from campaigns.controllers.corrected_targets import TargetCorrection
+from campaigns.controllers.export import with_identified
 from campaigns.design import pose_sampling
 from campaigns.design.restricted_space import UNRESTRICTED, RestrictedSpace
 from campaigns.errors import PlanInvalid
@@ -140,6 +141,33 @@ def sample_workspace(robot: RobotFile, poses: int = 100, *, seed: int = 1) -> Ar
     return pose_sampling.workspace_poses(robot.kinematics, robot.limits, centre, poses, rng)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Identification(IdentificationResult):
+    """Result of an identification with the robot that it is of."""
+
+    nominal: RobotFile
+
+    @property
+    def robot(self) -> RobotFile:
+        """Identified robot: its `kinematics`, its `parameters` with 1 σ, and `save(path)`.
+
+        It may be saved if the nominal one may. Its provenance states model and verdict.
+        """
+        nominal = self.nominal
+        origin = {"model": self.provenance.model, "verdict": self.judgement.verdict}
+        if source := nominal.source:
+            return with_identified(source, self.value, "identified", origin).robot
+        parameters = self.value.parameter_set(nominal.mechanism)
+        return replace(
+            nominal,
+            name=f"{nominal.name}-identified",
+            mechanism=nominal.mechanism.with_ripples(parameters.rates),
+            parameters=parameters,
+            provenance=origin,
+            document=None,
+        )
+
+
 def identify(
     shots: Shots | None,
     robot: RobotFile,
@@ -150,7 +178,7 @@ def identify(
     fix: Sequence[str] | str = (),
     priors: Sequence[str] | str | Mapping[str, float] = (),
     options: IdentificationOptions | Mapping[str, object] | None = None,
-) -> IdentificationResult:
+) -> Identification:
     """Identify a nominal robot's parameters from shots, as `pkmcal identify` does.
 
     Args:
@@ -169,7 +197,8 @@ def identify(
 
     Returns:
         Value, uncertainty, judgement, residuals and provenance (docs/reference/python.md);
-        `report()` is a text of all of it, `to_frame()` a table, `plot()` a figure.
+        `report()` is a text of all of it, `to_frame()` a table, `plot()` a figure, `robot` the
+        identified robot.
 
     Raises:
         OptionsInvalid: An unknown name or value of an option.
@@ -198,9 +227,12 @@ def identify(
     words |= {name: value for name, value in arguments.items() if value}
     wanted = options_of(IdentificationOptions, words)
     if shots is None:
-        return identify_without_points(robot.kinematics, observations, wanted)
-    asked = asked_shots(shots, robot.mechanism.joints, wanted)
-    return identify_shots(robot.kinematics, asked, wanted, measured=observations)
+        result = identify_without_points(robot.kinematics, observations, wanted)
+    else:
+        asked = asked_shots(shots, robot.mechanism.joints, wanted)
+        result = identify_shots(robot.kinematics, asked, wanted, measured=observations)
+    parts = {part.name: getattr(result, part.name) for part in fields(result)}
+    return Identification(nominal=robot, **parts)
 
 
 def correct_targets(

@@ -12,7 +12,7 @@ from typing import Any, Literal, Self
 from pydantic import JsonValue, ValidationError
 
 from campaigns.errors import ShotsMissing, VerdictBad
-from campaigns.identification.result import RecordedIdentification, read_identification
+from campaigns.identification.result import RecordedIdentification, Value, read_identification
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import adapter_of
 from campaigns.kinematics.parameters import Parameters, Role
@@ -96,16 +96,21 @@ def compensated_robot(
     robot.
     """
     require_usable(nominal, identification)
-    robot = nominal.robot
     provenance = {**issuer, **_provenance(nominal, identification, controller)}
-    name = f"{robot.name}-compensated"
-    value = identification.value
-    parameters, values = value.parameter_set(robot.mechanism), value.flat()
+    return with_identified(nominal, identification.value, "compensated", provenance)
+
+
+def with_identified(
+    nominal: RobotDocument, value: Value, suffix: str, provenance: Mapping[str, JsonValue]
+) -> RobotDocument:
+    """Return the nominal robot, its name with a suffix, with identified parameters and 1 σ."""
+    parameters, values = value.parameter_set(nominal.robot.mechanism), value.flat()
     # Lengths are those at the reference temperature. Expansions by warmth are no parameters of a
     # controller: the file states them beside the set, and they are not part of its digest.
     growth = parameters.table.select(Role.GROWTH)
     expansions = {each: values[each] for each in growth if each in value.free}
     reference = value.reference_degC if expansions else None
+    name = f"{nominal.robot.name}-{suffix}"
     return compensated(nominal, name, parameters, provenance, expansions, reference)
 
 

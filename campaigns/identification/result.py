@@ -505,7 +505,7 @@ class IdentificationResult:
         # change of each parameter and the strongest correlations. Reading ignores these again.
         # Any: pydantic determines the types from the dataclass at run time, which mypy cannot.
         values: dict[str, Any] = {"schema": SCHEMA}
-        for part in fields(self):
+        for part in fields(IdentificationResult):
             content = getattr(self, part.name)
             values |= adapter_of(type(content)).dump_python(content, mode="json")
         for name, parameter in self.value.parameters.items():
@@ -537,7 +537,7 @@ class RecordedIdentification(IdentificationResult):
     @classmethod
     def of(cls, result: IdentificationResult, **provenance: Any) -> "RecordedIdentification":
         """Add to a result what it rests on, the fields of `RecordedProvenance`."""
-        parts = {part.name: getattr(result, part.name) for part in fields(result)}
+        parts = {part.name: getattr(result, part.name) for part in fields(IdentificationResult)}
         recorded = RecordedProvenance(**asdict(result.provenance) | provenance)
         return cls(**parts | {"provenance": recorded})
 

@@ -86,6 +86,8 @@ class RobotFile:
     """Expansions by the names of `parameters.thermal`, ppm/°C; empty if the file states none."""
     reference_degC: float | None = None
     """Temperature of the parts for which the parameters are stated, °C; None if not stated."""
+    document: yaml_file.YamlDocument | None = field(default=None, compare=False)
+    """Document that it was read from; None of a robot made in memory."""
 
     def __repr__(self) -> str:
         kind = "identified" if self.provenance else "nominal"
@@ -112,6 +114,43 @@ class RobotFile:
         checked = checked_parameters(mechanism, values, name)
         homed = mechanism.with_ripples(checked.rates).with_home(_home(limits, None))
         return cls(name, homed, checked, limits)
+
+    def save(self, path: Path | str) -> None:
+        """Write the robot to a file that must not exist yet, as `find_robot` reads it.
+
+        Args:
+            path: The file. A mechanism of a Python file is named without a folder: copy it beside.
+
+        Raises:
+            ConfigInvalid: No document states this robot.
+            OutputExists: The file exists.
+            WriteFailed: The file cannot be written.
+
+        Example:
+            >>> result.robot.save("cell-7-identified.yaml")
+        """
+        if (source := self.source) is None:
+            raise ConfigInvalid(
+                f"{self.name} was made or changed in memory, and no document states it",
+                remedy="save a robot as find_robot or an identification of such a one returned it",
+            )
+        write_new_robot(Path(path), source)
+
+    @property
+    def source(self) -> "RobotDocument | None":
+        """This robot with its document; None if it was made or changed in memory."""
+        # `dataclasses.replace` changes a field and keeps the document, which then states another
+        # robot. What the document states is what reading it gives.
+        if self.document is None:
+            return None
+        read = _parse_document(self.document).robot
+        stated = (
+            "name", "limits", "workspace_centre_mm", "tolerance", "tolerances", "expansions",
+            "reference_degC",
+        )  # fmt: skip
+        same = all(getattr(read, each) == getattr(self, each) for each in stated)
+        is_same = same and read.digest() == self.digest()
+        return RobotDocument(self, self.document) if is_same else None
 
     @property
     def kinematics(self) -> Kinematics:
@@ -426,6 +465,7 @@ def _parse_document(document: yaml_file.YamlDocument) -> RobotDocument:
         _tolerances(contents, document),
         {f"{n}{EXPANSION}": v for n, v in (contents.expansion_ppm_per_degC or {}).items()},
         contents.reference_temperature_degC,
+        document,
     )
     if contents.sha256 not in {None, robot.digest()}:
         raise ConfigInvalid(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pkmcal
-from campaigns.errors import ConfigInvalid, OptionsInvalid, PlanInvalid, ShotsMissing
+from campaigns.errors import ConfigInvalid, OptionsInvalid, OutputExists, PlanInvalid, ShotsMissing
 from campaigns.identification.options import IdentificationOptions
 from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import RobotFile
@@ -167,6 +167,33 @@ def test_arrows_lie_in_the_axes_of_the_base(measured):
         arrows = identify(of, robot).plot("space").axes[0].collections[0]
         drawn.append(np.column_stack([arrows.U, arrows.V]))
     np.testing.assert_allclose(drawn[0], drawn[1], atol=0.02 * np.abs(drawn[0]).max())
+
+
+def test_a_result_has_the_identified_robot_which_is_saved_and_read_back(measured, tmp_path):
+    shots, robot = measured
+    result = identify(shots, robot)
+    saved = tmp_path / "identified.yaml"
+    result.robot.save(saved)
+    again = find_robot(saved)
+    assert (
+        again.parameters
+        == result.robot.parameters
+        == {name: value for name, value in result.value.flat().items() if name in again.parameters}
+    )
+    assert again.parameters.std == result.robot.parameters.std == result.value.std()
+    assert again.provenance == {"model": "full", "verdict": result.judgement.verdict}
+    poses = sample_workspace(robot, 5)
+    joints = again.kinematics.inverse(poses).values_or_raise()
+    assert np.array_equal(joints, result.robot.kinematics.inverse(poses).values_or_raise())
+    assert "nominal" not in result.document()
+    with pytest.raises(OutputExists):
+        result.robot.save(saved)
+    made = robot.of(robot.mechanism, robot.parameters, name="made", limits=robot.limits)
+    for changed in (made, replace(robot, name="other"), replace(robot, tolerances={"arms_mm": 1})):
+        kept = identify(shots, changed).robot
+        assert kept.parameters["arm0.arm_mm"] != robot.parameters["arm0.arm_mm"]
+        with pytest.raises(ConfigInvalid, match="made or changed in memory"):
+            kept.save(tmp_path / "changed.yaml")
 
 
 def test_a_data_frame_without_pandas_names_the_extra(measured, monkeypatch):
