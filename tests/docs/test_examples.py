@@ -1,5 +1,7 @@
 """The examples to copy run as they stand, and find what they say they do."""
 
+import ast
+import json
 import re
 import runpy
 import xml.etree.ElementTree as ET
@@ -42,6 +44,28 @@ def test_a_robot_is_identified_from_a_table_of_shots(example, tmp_path):
     assert "<IdentificationResult: pass, 80 parameters, hold-out 0.0" in said
     assert "uncertainty of positions, 1 σ, rms over the workspace, mm" in said
     assert "hold-out pairs, after" in (tmp_path / "identify.svg").read_text()
+
+
+def test_cells_of_the_notebook_run_and_show_tables_and_figures(tmp_path, monkeypatch):
+    """Without Jupyter: the value of a cell's last line is what Jupyter would show."""
+    notebook = json.loads((ROOT / "examples" / "notebook.ipynb").read_text(encoding="utf-8"))
+    monkeypatch.chdir(tmp_path)
+    ran, shown = {}, {}
+    for cell in notebook["cells"]:
+        if cell["cell_type"] == "code":
+            *lines, last = ast.parse("".join(cell["source"])).body
+            exec(compile(ast.Module(lines, []), cell["id"], "exec"), ran)
+            shown[cell["id"]] = eval(compile(ast.Expression(last.value), cell["id"], "eval"), ran)
+            assert (cell["outputs"], cell["execution_count"]) == ([], None)
+    for name in ("names", "shots", "identify", "plan"):
+        assert "<t" in shown[name]._repr_html_() or "<pre>" in shown[name]._repr_html_(), name
+    assert [len(shown[name].axes) for name in ("gain", "space")] == [2, 4]
+    result, true = ran["result"], ran["true"]
+    assert result.judgement.verdict == "pass"
+    arms = [name for name in result.value.free if name.endswith("arm_mm")]
+    off = [abs(result.value.parameters[n].value - true.parameters[n]) for n in arms]
+    assert (off < 4.0 * np.array([result.value.std()[name] for name in arms])).all()
+    assert np.abs(shown["save"]).max() < 0.3
 
 
 @pytest.mark.long
