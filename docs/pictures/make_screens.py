@@ -1,8 +1,8 @@
-"""Makes the pictures of screens anew: a run's screen and the live page.
+"""Makes the pictures of screens anew: a run's screen, the live page and the report.
 
 python docs/pictures/make_screens.py
 
-Needs chromium. About a minute.
+Needs chromium. About two minutes.
 """
 
 import io
@@ -63,6 +63,13 @@ def main() -> None:
         change(folder / "cell.yaml", lambda tree: tree.update(speed_up=12))
         pkmcal("plan", folder)
         live_pages(folder)
+        report_page(Path(scratch) / "rehearsed")
+
+
+def report_page(folder: Path) -> None:
+    """Draw the top of a report, of a whole calibration of a simulated robot."""
+    pkmcal("dry-run", folder, "--scenario", "realistic")
+    screenshot((folder / "report.html").as_uri(), "report", 1000, 900)
 
 
 def live_pages(folder: Path) -> None:
