@@ -273,6 +273,24 @@ class Evidence:
         return None if is_followed else check
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """Latest event of each kind in which the identified series itself gives reason to doubt."""
+        if self.run is None or self.journal is None:
+            return ()
+        latest = {
+            incident.record.kind: incident.record
+            for incident in self.journal.incidents
+            if isinstance(incident.record, Event) and incident.series == self.run.series.number
+        }
+        # The shots of "settling" are those since which the robot stays: without any it still moves.
+        return tuple(
+            event.text
+            for kind, event in latest.items()
+            if kind in {"robot changed", "temperature alarm"}
+            or (kind == "settling" and not event.shots)
+        )
+
+    @property
     def simulated(self) -> str:
         """Sentence on simulated devices, by each series or by campaign.yaml; "" if all are real."""
         series = self.journal.series if self.journal else ()

@@ -95,6 +95,7 @@ def page_of(evaluation: Evaluation, made_utc: str) -> Page:
         journal=journal,
         alarms=list(_alarms(evaluation)),
         verdict=evaluation.verdict,
+        warnings=evidence.warnings,
         key_figures=tables.key_figure_rows(evaluation),
         next_step=f"{before}`{step.text}`" if step else "",
         rule=f"{RULE} {_uncertainty(evaluation)}".strip(),

@@ -12,7 +12,7 @@ from app.report.course import Course
 from app.report.section import Section
 from campaigns.evaluation.iso_figures import cube_frame, cube_poses, iso_rows
 from campaigns.evidence import Evaluation
-from campaigns.files.table import words
+from campaigns.files.table import by_place
 from campaigns.identification.determined import MOST_ASSUMED
 from campaigns.identification.findings import UNSEEN_ROWS, WRONG_ROWS
 from campaigns.identification.result import IdentificationResult, ParameterCovariance
@@ -175,12 +175,17 @@ def parameters_section(evaluation: Evaluation) -> Section:
     )
     section.table(
         "Determined by no shot, and kept at nominal",
-        [words("parameter, or combination of parameters", ", ".join)],
-        identification.value.undetermined,
+        by_place("", "parameters"),
+        tables.undetermined_rows(identification),
     )
     if (covariance := identification.uncertainty.covariance) is not None:
         geometry = _of_geometry(covariance, table)
-        section.table("Strongest correlations", tables.CORRELATIONS, geometry.strongest(8))
+        section.table(
+            "Strongest correlations",
+            tables.CORRELATIONS,
+            tables.correlations(identification, geometry),
+            "Without pairs of parameters that both belong to combinations determined by no shot.",
+        )
         section.figure(
             "correlations",
             "Correlations of the identified parameters",

@@ -6,11 +6,14 @@ because commands that print tables must start quickly.
 """
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from campaigns.arrays import Array
+import numpy as np
+
+from campaigns.arrays import AXES, Array
 from campaigns.evaluation.decision import COVERAGE, Requirement
 from campaigns.evaluation.iso_figures import IsoRow
 from campaigns.evaluation.measured_lengths import MeasuredLength
@@ -34,7 +37,9 @@ from campaigns.identification.result import (
     Correlation,
     IdentificationResult,
     IdentifiedParameter,
+    ParameterCovariance,
     RecordedIdentification,
+    StoredPosterior,
 )
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.parameters import ParameterTable
@@ -43,6 +48,11 @@ from campaigns.shots.shot_sets import ShotSet
 
 LEAST_SHARE = 0.01
 """Share of the combined σ below which a row of a budget stands among the others."""
+
+ALONG = 0.999
+"""Share of a shift's length in the undetermined directions from which it is one of them."""
+MOST_CORRELATIONS = 8
+"""Number of correlations that are listed."""
 
 Stage = Literal["before", "after"]
 STAGES: tuple[Stage, Stage] = ("before", "after")
@@ -458,6 +468,42 @@ def undetermined_in_words(identification: IdentificationResult) -> Iterator[str]
             f"{together} parameter {word} not observable, such as motions of the base frame: "
             "kept at nominal (the report lists them)"
         )
+
+
+# Shots measure in the tracker's frame, so motions of the base are among what they cannot determine.
+# A combination of the arms' places along an axis is the base's shift if that shift, the same in mm
+# of each arm, lies in the span of the undetermined directions.
+def undetermined_rows(identification: IdentificationResult) -> Iterator[tuple[str, str]]:
+    """Yield what each undetermined combination of parameters is, and its parameters."""
+    posterior = identification.uncertainty.posterior
+    shifts = {} if posterior is None else _base_shifts(posterior)
+    for names in identification.value.undetermined:
+        others = "by itself" if len(names) == 1 else "combination"
+        yield shifts.get(names, others), ", ".join(names)
+
+
+def _base_shifts(posterior: StoredPosterior) -> dict[tuple[str, ...], str]:
+    """Return shifts of the base along an axis that are undetermined, by their parameters."""
+    null = np.array(posterior.undetermined).reshape(-1, len(posterior.names))
+    shifts = {}
+    for axis in AXES:
+        is_moved = np.array([bool(re.fullmatch(rf"arm\d+\.{axis}_mm", n)) for n in posterior.names])
+        shift = is_moved / np.array(posterior.tolerances)
+        if shift.any() and np.linalg.norm(null @ shift) > ALONG * np.linalg.norm(shift):
+            names = sorted(n for n, moved in zip(posterior.names, is_moved, strict=True) if moved)
+            shifts[tuple(names)] = f"shift of the base along {axis}"
+    return shifts
+
+
+def correlations(
+    identification: IdentificationResult, of: ParameterCovariance
+) -> list[Correlation]:
+    """Return the strongest correlations that are not of the datum alone."""
+    # Parameters of undetermined combinations are held together at nominal by the datum: how two of
+    # them correlate follows from that choice, and says nothing on the shots.
+    in_datum = {name for names in identification.value.undetermined for name in names}
+    pairs = of.strongest(len(of.names) ** 2)
+    return [p for p in pairs if not {p.first, p.second} <= in_datum][:MOST_CORRELATIONS]
 
 
 def in_words(identification: RecordedIdentification) -> Iterator[str]:

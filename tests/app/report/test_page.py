@@ -23,13 +23,21 @@ from app.report.results import (
     parameters_section,
 )
 from app.report.section import Section
-from app.report.tables import parameters
+from app.report.tables import correlations, parameters, undetermined_rows
 from campaigns.campaign import open_campaign
 from campaigns.errors import OutputExists
-from campaigns.evidence import Evaluation, MeasuredSeries, evaluate, gather
+from campaigns.evidence import Evaluation, Incident, MeasuredSeries, evaluate, gather
 from campaigns.files.table import texts
 from campaigns.identification.findings import Finding, HoldOut
-from campaigns.identification.result import Excluded, Frame, Pedigree, Scatter, SessionFrame
+from campaigns.identification.result import (
+    Excluded,
+    Frame,
+    ParameterCovariance,
+    Pedigree,
+    Scatter,
+    SessionFrame,
+    StoredPosterior,
+)
 from campaigns.journal.records import Event, Intent, PairVoided, Rejected
 from campaigns.kinematics.catalog import PAR4
 from campaigns.settings.sections import AcceptanceConfig, PeopleConfig
@@ -289,6 +297,56 @@ def test_everything_that_an_identification_says_stands_on_the_page(evaluation: E
         "that agrees with these σ.",
     ):
         assert sentence in text
+
+
+def test_shifts_of_the_base_are_named_and_the_datum_has_no_correlations(
+    evaluation: Evaluation,
+) -> None:
+    arms = ("arm0.x_mm", "arm1.x_mm"), ("arm0.y_mm", "arm1.y_mm")
+    names, half = (*arms[0], *arms[1], "arm0.arm_mm"), np.sqrt(0.5)
+    # in tolerances of 1 and 2 mm a shift of 1 mm of both arms along x is (1, 0.5), that along y is
+    # not undetermined: another combination of the same parameters is
+    along_x = np.array([1.0, 0.5, 0.0, 0.0, 0.0]) / np.hypot(1.0, 0.5)
+    posterior = StoredPosterior(
+        names=names,
+        tolerances=(1.0, 2.0, 1.0, 1.0, 1.0),
+        mean=(0.0,) * 5,
+        covariance=(),
+        sizes={},
+        factors={},
+        undetermined=(tuple(along_x.tolist()), (0.0, 0.0, half, -half, 0.0)),
+    )
+    matrix = np.full((5, 5), 0.9) + 0.1 * np.eye(5)
+    covariance = ParameterCovariance(names, tuple(map(tuple, matrix.tolist())))
+    shown = identified(evaluation, undetermined=arms, posterior=posterior, covariance=covariance)
+    result = shown.evidence.identification
+    assert [*undetermined_rows(result)] == [
+        ("shift of the base along x", "arm0.x_mm, arm1.x_mm"),
+        ("combination", "arm0.y_mm, arm1.y_mm"),
+    ]
+    assert "shift of the base along x" in words_in(parameters_section(shown))
+    pairs = [{pair.first, pair.second} for pair in correlations(result, covariance)]
+    assert pairs
+    assert all("arm0.arm_mm" in pair for pair in pairs)
+
+
+def test_a_warning_of_the_series_stands_beside_the_verdict(evaluation: Evaluation) -> None:
+    evidence = evaluation.evidence
+    series = evidence.run.series.number
+
+    def with_events(*events: Event, of: int = series) -> Evaluation:
+        incidents = tuple(Incident(MADE_UTC, of, event) for event in events)
+        journal = replace(evidence.journal, incidents=incidents)
+        return Evaluation(replace(evidence, journal=journal))
+
+    moves, settled = Event("settling", "it <b>moves</b>"), Event("settling", "no drift", (7, 9, 11))
+    changed = Event("robot changed", "it has changed")
+    html = page_of(with_events(settled, moves, changed), MADE_UTC).html
+    verdict = html[html.index('id="verdict"') : html.index("<nav")]
+    assert "Warning: it &lt;b&gt;moves&lt;/b&gt;." in verdict
+    assert "Warning: it has changed." in verdict
+    assert with_events(moves, settled).evidence.warnings == ()
+    assert with_events(moves, of=series + 1).evidence.warnings == ()
 
 
 def test_each_session_s_frame_stands_with_its_shots(evaluation: Evaluation) -> None:
