@@ -51,6 +51,11 @@ LEAST_SHARE = 0.01
 
 ALONG = 0.999
 """Share of a shift's length in the undetermined directions from which it is one of them."""
+SHIFTED = {
+    "the base": r"arm\d+\.{axis}_mm",
+    "all places on the plate": r"(arm\d+\.plate(_joint)?|reflector)_{axis}_mm",
+}
+"""Patterns of the parameters that shift together, by what they are places of."""
 MOST_CORRELATIONS = 8
 """Number of correlations that are listed."""
 
@@ -472,26 +477,30 @@ def undetermined_in_words(identification: IdentificationResult) -> Iterator[str]
 
 # Shots measure in the tracker's frame, so motions of the base are among what they cannot determine.
 # A combination of the arms' places along an axis is the base's shift if that shift, the same in mm
-# of each arm, lies in the span of the undetermined directions.
+# of each arm, lies in the span of the undetermined directions. So it is with places on the plate,
+# whose shift a controlled point of its own hides.
 def undetermined_rows(identification: IdentificationResult) -> Iterator[tuple[str, str]]:
     """Yield what each undetermined combination of parameters is, and its parameters."""
     posterior = identification.uncertainty.posterior
-    shifts = {} if posterior is None else _base_shifts(posterior)
+    shifts = {} if posterior is None else _shifts(posterior)
     for names in identification.value.undetermined:
         others = "by itself" if len(names) == 1 else "combination"
         yield shifts.get(names, others), ", ".join(names)
 
 
-def _base_shifts(posterior: StoredPosterior) -> dict[tuple[str, ...], str]:
-    """Return shifts of the base along an axis that are undetermined, by their parameters."""
+def _shifts(posterior: StoredPosterior) -> dict[tuple[str, ...], str]:
+    """Return shifts of all places along an axis that are undetermined, by their parameters."""
     null = np.array(posterior.undetermined).reshape(-1, len(posterior.names))
     shifts = {}
     for axis in AXES:
-        is_moved = np.array([bool(re.fullmatch(rf"arm\d+\.{axis}_mm", n)) for n in posterior.names])
-        shift = is_moved / np.array(posterior.tolerances)
-        if shift.any() and np.linalg.norm(null @ shift) > ALONG * np.linalg.norm(shift):
-            names = sorted(n for n, moved in zip(posterior.names, is_moved, strict=True) if moved)
-            shifts[tuple(names)] = f"shift of the base along {axis}"
+        for what, stem in SHIFTED.items():
+            pattern = re.compile(stem.format(axis=axis))
+            is_moved = np.array([bool(pattern.fullmatch(name)) for name in posterior.names])
+            shift = is_moved / np.array(posterior.tolerances)
+            if np.linalg.norm(null @ shift) > ALONG * np.linalg.norm(shift) > 0.0:
+                names = zip(posterior.names, is_moved, strict=True)
+                shifted = tuple(sorted(name for name, moved in names if moved))
+                shifts[shifted] = f"shift of {what} along {axis}"
     return shifts
 
 

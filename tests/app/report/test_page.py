@@ -324,6 +324,17 @@ def test_shifts_of_the_base_are_named_and_the_datum_has_no_correlations(
         ("shift of the base along x", "arm0.x_mm, arm1.x_mm"),
         ("combination", "arm0.y_mm, arm1.y_mm"),
     ]
+    on_plate = "arm0.plate_joint_z_mm", "arm1.plate_joint_z_mm", "reflector_z_mm"
+    moved = replace(
+        posterior,
+        names=(*on_plate, "arm0.z_mm"),
+        tolerances=(1.0,) * 4,
+        undetermined=((*(3**-0.5,) * 3, 0.0),),
+    )
+    of_plate = identified(evaluation, undetermined=(on_plate,), posterior=moved).evidence
+    assert [*undetermined_rows(of_plate.identification)] == [
+        ("shift of all places on the plate along z", ", ".join(on_plate))
+    ]
     assert "shift of the base along x" in words_in(parameters_section(shown))
     pairs = [{pair.first, pair.second} for pair in correlations(result, covariance)]
     assert pairs
