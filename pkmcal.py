@@ -28,8 +28,18 @@ if TYPE_CHECKING:
         study,
     )
     from campaigns.campaign import open_campaign
+    from campaigns.design.pose_sampling import WorkspaceTooSmall
+    from campaigns.errors import (
+        ConfigInvalid,
+        OptionsInvalid,
+        PlanInvalid,
+        ShotsInvalid,
+        ShotsMissing,
+        TargetsInvalid,
+    )
     from campaigns.evidence import evaluate
-    from campaigns.fit.tracker_noise import TrackerUncertainty
+    from campaigns.fit.rigid_transforms import fit_transform
+    from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
     from campaigns.identification.objects import Object
     from campaigns.identification.other_kinds import Measured
     from campaigns.kinematics.axes import PLANE, POSITION, TURN, TURNS, Axis
@@ -67,11 +77,22 @@ MECHANISMS = {
     "rotations": ("matrices_of", "turn_between", "turned_by"),
 }
 """What an author of a mechanism needs, by module of `KINEMATICS`."""
-HOMES = {name: f"{KINEMATICS}.{home}" for home, names in MECHANISMS.items() for name in names} | {
+ERRORS = (
+    "ConfigInvalid",
+    "OptionsInvalid",
+    "PlanInvalid",
+    "ShotsInvalid",
+    "ShotsMissing",
+    "TargetsInvalid",
+)
+"""Errors that these functions raise, each with `problem` and `remedy`."""
+HOMES = {name: f"{KINEMATICS}.{home}" for home, names in MECHANISMS.items() for name in names}
+HOMES |= dict.fromkeys(ERRORS, "campaigns.errors") | {
     "Kinematics": "campaigns.kinematics.model",
     "Measured": "campaigns.identification.other_kinds",
     "Object": "campaigns.identification.objects",
     "NewOptions": "app.new_campaign",
+    "WorkspaceTooSmall": "campaigns.design.pose_sampling",
     "RobotFile": "campaigns.robots.robot",
     "Shots": "campaigns.shots.shots",
     "TrackerUncertainty": "campaigns.fit.tracker_noise",
@@ -79,7 +100,9 @@ HOMES = {name: f"{KINEMATICS}.{home}" for home, names in MECHANISMS.items() for 
     "create_campaign": "app.new_campaign",
     "create_simulated": "app.new_campaign",
     "evaluate": "campaigns.evidence",
+    "fit_transform": "campaigns.fit.rigid_transforms",
     "open_campaign": "campaigns.campaign",
+    "point_covariance_mm2": "campaigns.fit.tracker_noise",
     "prepare": "app.wiring",
 }
 """Modules of the names that are not in `campaigns.api`."""
@@ -92,6 +115,7 @@ __all__ = [
     "Axis",
     "Carriage",
     "ClosedChain",
+    "ConfigInvalid",
     "Crank",
     "HingedPlate",
     "ImplicitMechanism",
@@ -100,13 +124,19 @@ __all__ = [
     "Measured",
     "NewOptions",
     "Object",
+    "OptionsInvalid",
     "ParameterField",
+    "PlanInvalid",
     "Platform",
     "RobotFile",
     "Role",
     "Shots",
+    "ShotsInvalid",
+    "ShotsMissing",
     "SlidingBars",
+    "TargetsInvalid",
     "TrackerUncertainty",
+    "WorkspaceTooSmall",
     "closures",
     "connected_cell",
     "correct_targets",
@@ -114,11 +144,13 @@ __all__ = [
     "create_simulated",
     "evaluate",
     "find_robot",
+    "fit_transform",
     "identify",
     "matrices_of",
     "open_campaign",
     "place_fields",
     "plan",
+    "point_covariance_mm2",
     "prepare",
     "read_observations",
     "read_shots",

@@ -17,8 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from campaigns.errors import TargetsInvalid
-from pkmcal import correct_targets, find_robot
+from pkmcal import TargetsInvalid, correct_targets, find_robot
 
 STEP_MM, STEP_DEG = 5.0, 1.0
 LETTERS = "XYZC"

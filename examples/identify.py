@@ -6,8 +6,14 @@
 # %%
 import numpy as np
 
-from campaigns.fit.tracker_noise import point_covariance_mm2
-from pkmcal import Shots, TrackerUncertainty, find_robot, identify, sample_workspace
+from pkmcal import (
+    Shots,
+    TrackerUncertainty,
+    find_robot,
+    identify,
+    point_covariance_mm2,
+    sample_workspace,
+)
 
 rng = np.random.default_rng(7)
 robot = find_robot("par4-prototype")

@@ -16,8 +16,7 @@ import sys
 import numpy as np
 from scipy.optimize import least_squares
 
-from campaigns.fit.rigid_transforms import fit_transform
-from pkmcal import Kinematics, find_robot, sample_workspace
+from pkmcal import Kinematics, find_robot, fit_transform, sample_workspace
 
 ROTARY = {"delta": True, "linear-delta": False}
 HELD = {True: [7], False: [1, 2, 3, 7, 10]}  # the frame's turn; of carriages cranks and height

@@ -13,6 +13,7 @@ from pages import ROOT, blocks
 from scipy.optimize import brentq, fsolve
 from scipy.spatial.transform import Rotation
 
+import pkmcal
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.robots.robot import RobotFile, find_robot, read_robot
 from pkmcal import sample_workspace
@@ -44,6 +45,14 @@ def test_a_robot_is_identified_from_a_table_of_shots(example, tmp_path):
     assert "<IdentificationResult: pass, 80 parameters, hold-out 0.0" in said
     assert "uncertainty of positions, 1 σ, rms over the workspace, mm" in said
     assert "hold-out pairs, after" in (tmp_path / "identify.svg").read_text()
+
+
+@pytest.mark.parametrize("example", sorted((ROOT / "examples").glob("*.py")), ids=lambda e: e.stem)
+def test_examples_to_copy_import_pkmcal_alone(example):
+    if example.stem == "corbel2006":  # a benchmark of the whole program, not one to copy
+        return
+    words = re.findall(r"^\s*(?:from|import) (\w+)", example.read_text("utf-8"), re.MULTILINE)
+    assert not {*words} & {*pkmcal.PACKAGES}
 
 
 def test_cells_of_the_notebook_run_and_show_tables_and_figures(tmp_path, monkeypatch):
