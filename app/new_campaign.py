@@ -31,7 +31,7 @@ from campaigns.settings.option import Option
 from campaigns.settings.sections import BY_HAND, OFFLINE, SIMULATED, ValidationConfig
 from campaigns.shots.printer_observations import BED, PART, SHRINKAGE_STD_PERCENT
 from drivers.bounded_files import is_there
-from drivers.catalog import CONTROLLERS, TRACKERS, driver_of_address
+from drivers.names import CONTROLLER_NAMES, TRACKER_NAMES, driver_of_address
 from drivers.texts import printable
 from drivers.values import Vector3, vector
 from sim.scenarios.adaptation import WantedRobot, adapted, computing_all, with_drawing
@@ -189,17 +189,17 @@ class NewOptions:
     controller_driver: Annotated[
         str | None,
         Option(
-            f"Protocol of the controller: {', '.join(CONTROLLERS)}.",
+            f"Protocol of the controller: {', '.join(CONTROLLER_NAMES)}.",
             metavar="NAME",
-            words=lambda: [*CONTROLLERS],
+            words=lambda: CONTROLLER_NAMES,
         ),
     ] = None
     tracker_driver: Annotated[
         str | None,
         Option(
-            f"Protocol of the tracker: {', '.join(TRACKERS)}.",
+            f"Protocol of the tracker: {', '.join(TRACKER_NAMES)}.",
             metavar="NAME",
-            words=lambda: [*TRACKERS],
+            words=lambda: TRACKER_NAMES,
         ),
     ] = None
     tracker_name: Annotated[

@@ -1,13 +1,13 @@
-"""The drivers, each by the word for it in campaign.yaml: a new one needs an entry here."""
+"""The drivers by their names: a new one needs an entry here, and its name in `drivers/names.py`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from drivers import by_hand, pointline, robotline, watch_file
 from drivers.declaration import RobotSurroundings, Surroundings
 from drivers.emscon.results import recorded_measurement
 from drivers.emscon.tracker import EmsconTracker
+from drivers.names import BY_HAND, ControllerName, TrackerName
 from drivers.ports import LaserTracker, RobotController
 from drivers.values import Matrix3, Vector3
 from drivers.wire.robotline import RobotLayout
@@ -36,31 +36,13 @@ class ControllerDriver:
     """Read joints, rad or mm, from a state's raw answer; raises `WireError`."""
 
 
-BY_HAND = "by-hand"
-"""Driver and address of a device that a person works by a dialogue at the terminal."""
-FILE = "file:"
-"""Beginning of the address of a tracker whose software writes into a file."""
-
-TRACKERS: dict[str, TrackerDriver] = {
+TRACKERS: dict[TrackerName, TrackerDriver] = {
     "emscon": TrackerDriver(EmsconTracker, recorded_measurement),
     "pointline": TrackerDriver(pointline.PointlineTracker, pointline.recorded_measurement),
     BY_HAND: TrackerDriver(by_hand.TrackerByHand, by_hand.recorded_measurement),
     "watch-file": TrackerDriver(watch_file.WatchedTracker, watch_file.recorded_measurement),
 }
-CONTROLLERS: dict[str, ControllerDriver] = {
+CONTROLLERS: dict[ControllerName, ControllerDriver] = {
     "robotline": ControllerDriver(robotline.LineRobot, robotline.recorded_joints),
     BY_HAND: ControllerDriver(by_hand.RobotByHand, by_hand.recorded_joints),
 }
-ADDRESSES = {BY_HAND: BY_HAND, "watch-file": FILE}
-"""Beginning of the address of a device without a wire, by its driver."""
-
-if TYPE_CHECKING:
-    TrackerName: TypeAlias = str
-    ControllerName: TypeAlias = str
-else:  # a choice that settings offer and check
-    TrackerName, ControllerName = Literal[tuple(TRACKERS)], Literal[tuple(CONTROLLERS)]
-
-
-def driver_of_address(url: str) -> str | None:
-    """Return the only driver of addresses of this form; None for those of a wire and others."""
-    return next((name for name, start in ADDRESSES.items() if url.startswith(start)), None)

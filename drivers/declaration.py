@@ -6,7 +6,7 @@ How a driver is added (CONTRIBUTING.md, Adding a protocol):
 2. Its device in `drivers/`: a class with one of the two ports of `drivers/ports.py`, which takes
    `Surroundings`, a controller's `RobotSurroundings`. It connects only when it is asked to.
 3. A function that reads a raw answer again, as the journal keeps it.
-4. One entry in `drivers/catalog.py` with the word for it in campaign.yaml.
+4. One entry in `drivers/catalog.py`, and its name in campaign.yaml in `drivers/names.py`.
 
 A driver gets its transport, time, wish to stop and first number from outside, and so it runs
 unchanged over a real wire, in a simulated cell of this process, and on a clock moved by a test.

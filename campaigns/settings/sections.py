@@ -14,18 +14,18 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from campaigns.files.yaml_file import FileModel, Point, broken_rule
-from drivers import catalog
-from drivers.catalog import CONTROLLERS, TRACKERS, ControllerName, TrackerName
+from drivers import names
+from drivers.names import CONTROLLER_NAMES, TRACKER_NAMES, ControllerName, TrackerName
 
 OFFLINE = "offline"
 """Word in place of an address: nothing is connected, programs are exported and files imported."""
 SIMULATED = "sim://"
 """Beginning of the address of a device of a simulated cell."""
-BY_HAND, FILE = catalog.BY_HAND, catalog.FILE
+BY_HAND, FILE = names.BY_HAND, names.FILE
 # a user name or a path in an address is refused, because no driver would use it
 URL_PATTERN = (
     r"^(tcp://[^\s@/?#]+:\d{1,5}|serial://\S+|"
-    rf"{SIMULATED}[\w-]+|{catalog.FILE}.+|{OFFLINE}|{BY_HAND})$"
+    rf"{SIMULATED}[\w-]+|{FILE}.+|{OFFLINE}|{BY_HAND})$"
 )
 URL_FORMS = (
     "tcp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, sim://SCENARIO, file:NAME of a tracker, "
@@ -52,7 +52,7 @@ LimitPerMetre = Annotated[float, Field(ge=0.0, le=10_000.0)]
 # Two drivers have no wire, and each has its own form of address: `by-hand`, and `file:NAME` of a
 # watched file. Driver and address must belong together; all other drivers take all other forms.
 def _require_address(driver: str, url: str) -> None:
-    owner, address = catalog.driver_of_address(url), catalog.ADDRESSES.get(driver)
+    owner, address = names.driver_of_address(url), names.ADDRESSES.get(driver)
     if owner != (driver if address else None):
         reason = f"such an address is of driver {owner}" if owner else f"it needs {address}"
         raise broken_rule(f"has driver {driver} and url {url}: {reason}")
@@ -62,7 +62,7 @@ class ControllerConfig(FileModel):
     """The robot's controller."""
 
     driver: ControllerName = Field(
-        default="robotline", description=f"its protocol: {' or '.join(CONTROLLERS)}"
+        default="robotline", description=f"its protocol: {' or '.join(CONTROLLER_NAMES)}"
     )
     url: Url = Field(description=f"its address: {URL_FORMS}")
     serial: str | None = Field(
@@ -276,7 +276,7 @@ class TrackerConfig(FileModel):
     """The laser tracker and its reflector."""
 
     driver: TrackerName = Field(
-        default="emscon", description=f"its protocol: {' or '.join(TRACKERS)}"
+        default="emscon", description=f"its protocol: {' or '.join(TRACKER_NAMES)}"
     )
     url: Url = Field(description=f"its address: {URL_FORMS}")
     serial: str | None = Field(
@@ -322,7 +322,7 @@ class TrackerConfig(FileModel):
     @property
     def states_no_uncertainty(self) -> bool:
         """Whether its points come without an uncertainty: they are typed, or read from a file."""
-        return self.driver in catalog.ADDRESSES
+        return self.driver in names.ADDRESSES
 
     @property
     def acceptance_rad(self) -> float:
