@@ -16,7 +16,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from functools import cached_property
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import typer
 from pydantic_core import to_jsonable_python
@@ -30,13 +30,15 @@ from rich.text import Text
 from app.exits import Exit, NotConfirmed
 from app.keyboard import KEYBOARD
 from app.progress import say
-from app.run_screen import RunLines, RunScreen
 from app.streams import print_document
 from campaigns.files.table import Column, texts
-from campaigns.next_step import NextStep
 from drivers.errors import LinkDown
 from drivers.ports import Prompt
 from drivers.texts import printable
+
+if TYPE_CHECKING:  # help and messages need neither: all of the work would be loaded for them
+    from app.run_screen import RunLines
+    from campaigns.next_step import NextStep
 
 T = TypeVar("T")
 
@@ -147,7 +149,7 @@ class Terminal:
             self.say(f"  {name:<{width}}  {text}")
 
     def conclude(
-        self, answer: object, step: NextStep | None = None, *, is_good: bool = True
+        self, answer: object, step: "NextStep | None" = None, *, is_good: bool = True
     ) -> None:
         """End a command: with `as_json` print its answer and the next command as a document.
 
@@ -178,7 +180,7 @@ class Terminal:
         return KEYBOARD.has_somebody
 
     def prompt(
-        self, display: RunLines | None = None, stop_requested: Callable[[], bool] = lambda: False
+        self, display: "RunLines | None" = None, stop_requested: Callable[[], bool] = lambda: False
     ) -> Prompt | None:
         """Return a function that asks for a line while a run is shown; None without a terminal.
 
@@ -229,8 +231,12 @@ class Terminal:
             task = bars.add_task(printable(text), total=None)
             yield lambda news: bars.update(task, description=printable(news))
 
-    def watching(self, title: str, *, plain: bool = False, shot_by_shot: bool = False) -> RunLines:
+    def watching(
+        self, title: str, *, plain: bool = False, shot_by_shot: bool = False
+    ) -> "RunLines":
         """Return the display of a run; with `plain` it prints lines, one a shot if wanted."""
+        from app.run_screen import RunLines, RunScreen
+
         if self._talk.is_interactive and not plain and not self.is_verbose:
             return RunScreen(self._talk, title)
         return RunLines(self._talk, title, verbose=self.is_verbose, shot_by_shot=shot_by_shot)
