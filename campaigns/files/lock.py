@@ -19,8 +19,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from filelock import lock_descriptor
-
 from campaigns.errors import CampaignLocked, WriteFailed
 from drivers.bounded_files import FileRefused, open_file
 from drivers.system import open_unfollowed, require_record_locks
@@ -94,11 +92,18 @@ def campaign_lock(folder: Path, *, now_utc: Callable[[], str]) -> Iterator[None]
             os.close(descriptor)
 
 
+def _takes_lock(descriptor: int) -> bool:
+    """Lock an open file if no other one has the lock, and return whether this one has it now."""
+    from filelock import lock_descriptor  # with logging, which most readers need not wait for
+
+    return bool(lock_descriptor(descriptor, blocking=False))
+
+
 # `lock_holder` of another process takes the lock for a moment to see whether it is free: try again.
 def _acquire(descriptor: int, folder: Path) -> None:
     """Lock the file; raise `CampaignLocked` if another process keeps it for `PATIENCE_S`."""
     until_s = time.monotonic() + PATIENCE_S
-    while not lock_descriptor(descriptor, blocking=False):
+    while not _takes_lock(descriptor):
         if time.monotonic() >= until_s:
             holder = _read_holder(folder)
             raise CampaignLocked(
@@ -152,7 +157,7 @@ def lock_holder(folder: Path) -> Holder | None:
     except OSError:
         return None
     try:
-        return None if lock_descriptor(descriptor, blocking=False) else holder
+        return None if _takes_lock(descriptor) else holder
     except OSError:
         return None
     finally:

@@ -183,11 +183,14 @@ for words in ((), ("status",), ("identify",), ("study",)):
 def test_nothing_heavy_and_no_command_is_imported_for_help():
     words = [sys.executable, "-c", IMPORTED]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
-    for_list, *_, for_commands = map(set, map(ast.literal_eval, done.stderr.splitlines()))
+    for_list, _, for_identify, for_commands = map(
+        set, map(ast.literal_eval, done.stderr.splitlines())
+    )
     assert not HEAVY & for_list
     assert not [name for name in for_list if name.startswith("app.cli.")]
     slow_parts = {f"scipy.{part}" for part in ("linalg", "optimize", "spatial", "special")}
     assert not slow_parts & for_commands
+    assert not {"app.run_screen", "drivers.catalog", "filelock"} & for_identify
 
 
 @pytest.mark.parametrize(
