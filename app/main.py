@@ -12,6 +12,7 @@
 # 5. `run_command` is the one place where whatever was raised becomes a line on stderr, a document
 #    on stdout with --json, and an exit code. So all failures look alike, and none is a traceback.
 
+import gc
 import os
 import re
 import signal
@@ -196,10 +197,14 @@ class LazyGroup(TyperGroup):
         """Import the command's module and return the command; None for an unknown name."""
         if cmd_name not in COMMANDS:
             return None
-        from app.options import as_typer_command  # with pydantic and more, for commands only
+        gc.disable()  # imports leave no garbage: a search for it would take a fifth of the start
+        try:
+            from app.options import as_typer_command  # with pydantic and more, for commands only
 
-        module, _ = COMMANDS[cmd_name]
-        imported = import_module(f"app.cli.{module}")
+            module, _ = COMMANDS[cmd_name]
+            imported = import_module(f"app.cli.{module}")
+        finally:
+            gc.enable()
         # A Typer of its own for each command: a shared one would need all modules at once.
         program = typer.Typer(
             add_completion=False,
