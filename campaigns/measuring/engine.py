@@ -45,6 +45,7 @@ from campaigns.measuring.stopping_rule import in_ranges, in_words, is_met, only_
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.shots.shot_sets import ShotSet
+from drivers.errors import ExplainedError
 from drivers.values import Weather
 
 MOST_IN_A_ROW = 3
@@ -350,7 +351,7 @@ class Engine:
         # The most specific error ends the run: the controller's own, or that the robot does not
         # move, or else that the attempts have failed.
         match failure:
-            case Lost(error=Exception() as refusal):
+            case Lost(error=ExplainedError() as refusal):
                 raise refusal
             case Refused():
                 self._beam.require_robot_moves()

@@ -6,6 +6,7 @@ from typing import TypeAlias
 
 from campaigns.errors import GateRefused
 from campaigns.journal.records import Outcome
+from drivers.errors import ExplainedError
 
 SKIPPED = "skipped by the operator"
 TAKEN_BACK = "taken back by the operator"
@@ -61,7 +62,7 @@ class Lost:
 
     reason: str
     loss: Loss
-    error: Exception | None = None
+    error: ExplainedError | None = None
     """Error by which the target was refused; None if the attempt failed otherwise."""
     attempts: int = 1
 
@@ -70,10 +71,14 @@ ShotResult: TypeAlias = Accepted | Skipped | TakenBack | Refused | Lost
 
 
 def failure_of(result: Refused | Lost) -> GateRefused:
-    """Return the error of a shot that all attempts have failed to measure."""
+    """Return the error of a shot that all attempts have failed to measure, with what helps."""
+    error = result.error if isinstance(result, Lost) else None
+    if error is None:
+        remedy = (
+            "look at the reflector, the beam and the robot there; then run again, it resumes. "
+            "If an earlier shot took the wrong reflector: start a new series with --anew"
+        )
+    else:
+        remedy = error.remedy
     attempts = f"{result.attempts} attempts" if result.attempts > 1 else "the attempt"
-    return GateRefused(
-        f"{attempts} failed, the last one: {result.reason}",
-        remedy="look at the reflector, the beam and the robot there; then run again, it resumes. "
-        "If an earlier shot took the wrong reflector: start a new series with --anew",
-    )
+    return GateRefused(f"{attempts} failed, the last one: {result.reason}", remedy=remedy)

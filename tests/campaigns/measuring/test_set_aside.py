@@ -8,7 +8,9 @@ from fake_cell import FakeCell
 from small_plans import FOUR_PAIRS, GATE, work
 from tested_journal import journal_in
 
+from campaigns.errors import TargetOutOfReach
 from campaigns.journal.records import Event, Rejected
+from campaigns.measuring.results import Loss, Lost, failure_of
 from campaigns.planning.plan_file import PlannedShot
 from drivers.errors import BeamBroken, LimitViolation, NoReflector
 from drivers.values import Measurement
@@ -116,3 +118,14 @@ def test_beam_that_is_broken_on_the_way_is_waited_for_where_the_reflector_was(
         series = cell.measure(journal, work(FOUR_PAIRS, gate=once))
         assert len(journal.shots(series)) == len(FOUR_PAIRS)
         assert not skips(journal)
+
+
+def test_error_of_a_pose_without_a_way_names_what_its_cause_needs() -> None:
+    refused = TargetOutOfReach("no safe way to shot 0", remedy="jog the robot")
+
+    error = failure_of(Lost("shot 0: no safe way to shot 0", Loss.TARGET, refused))
+
+    assert (error.problem, error.remedy) == (
+        "the attempt failed, the last one: shot 0: no safe way to shot 0",
+        "jog the robot",
+    )
