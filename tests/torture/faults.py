@@ -34,6 +34,7 @@ from campaigns.journal import database
 from campaigns.journal.journal import read_journal
 from campaigns.kinematics.catalog import PAR4
 from campaigns.kinematics.model import Kinematics
+from drivers.link import Link
 from sim.cell import Cell
 from sim.clock import EventClock
 from sim.faults import Counted, Fault
@@ -43,10 +44,11 @@ from sim.scenarios.scenario import load_scenario
 from sim.tracker.beam import Target
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-ON_WIRE = ("cut", "lost", "late", "torn", "twice", "flipped", "stale", "foreign")
+ON_WIRE = ("cut", "lost", "late", "held", "torn", "twice", "again", "flipped", "stale", "foreign")
 ON_DISK = ("full before", "full after")
 ANYWHERE = ("killed before", "killed after", "signal", "clock set", "second command")
 LIES = ("stands", "frozen encoder", "point of before", "zeros", "metres")
+STUCK = "a parameter stuck"
 FOREIGN = (b"\n", b"HTTP/1.1 400 Bad Request\r\n\r\n", b"\0" * 40, b"<1 STATE OK 0 0 - 0 0 *0000\n")
 SCRIPTED = {
     Counted.MEASUREMENT: ("beam_break", "wrong_target"),
@@ -87,9 +89,9 @@ class World(InProcessCell):
         memory.pop("identity", None)  # the campaign's, which is not the cell's own
         cell = Cell(load_scenario(str(folder / "cell.yaml")), memory=memory)
         super().__init__(cell, EventClock(math.inf))
-        self.rate = 10 ** -rng.uniform(1.0, 3.0)
+        self.rate = 10 ** -rng.uniform(1.0, 2.5)
         kinds = (*ON_WIRE, *ON_DISK, *ANYWHERE)
-        self.kinds = rng.sample(kinds, rng.randint(1, len(kinds)))
+        self.kinds = rng.sample(kinds, rng.randint(1, 6))
         self.is_hostile, self.is_killed, self.is_stopped, self.is_second = True, False, False, False
         self.wall_s, self.pipes = 0.0, []
         self.faults, self.broken = Counter(), []
@@ -173,6 +175,12 @@ class World(InProcessCell):
             controller.move_joints = lambda target, speed_fraction, now_s: 1.0
         elif kind == "frozen encoder":
             controller.state = frozen_state
+        elif kind == STUCK:  # alone, for a kill would leave the mixed set that a load has to undo
+            self.rate, replace_truly = 0.0, controller.replace_geometry
+            name, value = self.rng.choice(sorted(controller.geometry().items()))
+            controller.replace_geometry = lambda wanted, now_s: replace_truly(
+                {**wanted, name: value}, now_s
+            )
         else:
             tracker.finish_measurement = false_point
 
@@ -182,6 +190,7 @@ class World(InProcessCell):
         self.sleep_s(100.0)  # longer than any beam is broken
         self.cell.faults._faults.clear()
         vars(self.cell.controller).pop("state", None)
+        vars(self.cell.controller).pop("replace_geometry", None)
         vars(self.cell.tracker).pop("finish_measurement", None)
         self.cell.controller.move_joints = self.move
         self.acknowledge()
@@ -197,6 +206,7 @@ class FaultyPipe:
     def __init__(self, world, pipe):
         self.world, self.pipe, self.name = world, pipe, pipe.name
         self.later = self.last = b""
+        self.held_until_s, self.is_again = 0.0, False
 
     def send(self, data, timeout_s):
         was_stopped = self.world.is_stopped
@@ -208,10 +218,16 @@ class FaultyPipe:
         if was_stopped and b" MOVE" in data:
             self.world.broken.append(f"a move after a stop: {data!r}")
         self.pipe.send(data, timeout_s)
+        if self.later and self.is_again:
+            self.world.broken.append(f"asked before what was there was read: {data!r}")
         if kind == "killed after":
             self.world.kill()
 
     def receive(self, timeout_s):
+        held_s = max(0.0, self.held_until_s - self.world.now_s())
+        self.world.sleep_s(min(held_s, timeout_s))
+        if held_s > timeout_s:
+            return b""
         data, self.later = self.later or self.pipe.receive(timeout_s), b""
         if not data:
             return data
@@ -223,15 +239,35 @@ class FaultyPipe:
             self.pipe.close()
         if kind == "late":
             self.world.sleep_s(rng.choice([0.3, 3.0, 60.0]))
-        if kind == "torn":
-            self.later = data[at:]
+        if kind == "held":
+            self.held_until_s = self.world.now_s() + rng.choice([0.3, 3.0, 60.0])
+        self.later = {"torn": data[at:], "held": data, "again": data, "stale": data}.get(kind, b"")
+        self.is_again = kind == "again" and timeout_s > 0.0
         changed = bytes([data[at] ^ (1 << rng.randrange(8))])
-        hit = {"lost": b"", "cut": data[:at], "torn": data[:at], "twice": data + data}
-        hit |= {"flipped": data[:at] + changed + data[at + 1 :], "stale": before + data}
+        hit = {"lost": b"", "held": b"", "cut": data[:at], "torn": data[:at], "twice": data + data}
+        hit |= {"flipped": data[:at] + changed + data[at + 1 :], "stale": before}
         return (hit | {"foreign": rng.choice(FOREIGN) + data}).get(kind, data)
 
     def close(self):
         self.pipe.close()
+
+
+def watched(ask, world):
+    """`Link.ask`, of which each answer is to its question, and which closes after an error."""
+
+    def asked(link, request, **how):
+        try:
+            answer = ask(link, request, **how)
+        except BaseException:
+            if link.is_open:
+                world.broken.append("a link goes on after an error")
+            raise
+        number = str(getattr(answer, "number", "")).encode()
+        if number not in request:
+            world.broken.append(f"{answer} is taken for an answer to {request!r}")
+        return answer
+
+    return asked
 
 
 def clearance_mm(kinematics, path):
@@ -294,6 +330,7 @@ def hit_by_faults(world):
         "app.wiring._in_process": in_process,
         "campaigns.campaign.datetime": WallClock,
         "sys.stdin": io.StringIO(),
+        "drivers.link.Link.ask": watched(Link.ask, world),
     }
     with contextlib.ExitStack() as stack:
         for name, what in patches.items():
@@ -327,6 +364,12 @@ def rows(folder):
     with contextlib.closing(sqlite3.connect(folder / "campaign.db")) as connection:
         stored = connection.execute(f"SELECT {', '.join(Row._fields)} FROM record ORDER BY id")
         return [Row(*row) for row in stored]
+
+
+def has_open_load(records):
+    """Whether the last load of the records was begun and has no end."""
+    findings = (json.loads(row.body)["kind"] for row in records if row.kind == "finding")
+    return [kind for kind in findings if kind.startswith("load")][-1:] == ["load begun"]
 
 
 def live_outcomes(records):
@@ -437,6 +480,7 @@ class Player:
         self.old, self.new = self.world.cell.controller.geometry(), bases.new
         self.records = rows(self.folder)
         self.first, self.codes, self.said = len(self.records), [], ""
+        self.home = self.world.cell.controller.encoders(0.0)
         self.broken = self.world.broken
         self._script()
 
@@ -444,12 +488,14 @@ class Player:
         """Let beams, drives and results fail by count, or a device lie."""
         rng, script = self.rng, self.world.cell.faults
         for counted, kinds in SCRIPTED.items():
-            for _ in range(rng.choice([0, 0, 1, 2])):
-                at = script.memory().get(counted, 0) + rng.randint(1, 30)
+            for _ in range(rng.choice([0, 1, 1, 2])):
+                at = script.memory().get(counted, 0) + rng.randint(1, 15)
                 lasts_s = rng.choice([1.0, 5.0, 90.0])
                 script._faults[counted, at] = Fault(counted, at, rng.choice(kinds), lasts_s)
         if self.name == "run" and rng.random() < 0.2:
             self.world.lie(rng.choice(LIES))
+        if self.name == "load" and rng.random() < 0.2:
+            self.world.lie(STUCK)
 
     def play(self):
         """Try among faults, then without; at last take back what was loaded."""
@@ -479,6 +525,8 @@ class Player:
         words = self.story.words.format(folder=self.folder, retry=self.rng.choice([0, 0, 3]))
         # what a lying device gave first contradicts all that is true: then the line says so
         has_lied = not self.world.is_hostile and not self.world.faults.keys().isdisjoint(LIES)
+        if not self.world.is_hostile and "jog the robot" in self.said:
+            self.world.cell.controller.follow(self.home)
         is_told = has_lied and "--anew" in self.said.rpartition(" → ")[2]
         self._do(*words.split(), *(["--anew"] if is_told else []))
         return self.codes[-1] in self.story.codes
@@ -497,6 +545,7 @@ class Player:
     def _do(self, *words):
         """Run a command in the world, and look at what it leaves."""
         world, had_new = self.world, same(self.world.cell.controller.geometry(), self.new)
+        was_open = has_open_load(self.records)
         world.is_stopped, code = False, "killed"
         try:
             code, self.said = ended(*words)
@@ -515,6 +564,11 @@ class Player:
         except Exception as error:  # noqa: BLE001 - also of a journal that cannot be read
             self._break(f"{type(error).__name__}: {error}")
         self._look(words, code, had_new=had_new)
+        is_open = was_open or has_open_load(self.records)
+        if is_open and code != "killed" and "not ended" not in self.said:
+            self._break(f"ended with {code}, and nobody names the open load")
+        if any(self.folder.glob("*-rescued-*")):
+            self._break("records of a whole journal were rescued")
         for pipe in world.pipes:  # which end with the process
             pipe.close()
 
