@@ -75,7 +75,7 @@ def _show_changes(terminal: Terminal, identification: RecordedIdentification) ->
     value = identification.value
     shown = sum(tables.is_shown(value.parameters[name]) for name in value.free)
     terminal.say(
-        f"{shown} of {len(value.free)} parameters changed by more than U: see the report, "
+        f"{shown} of {len(value.free)} parameters differ from nominal by more than U: report, "
         "or --verbose"
     )
 
