@@ -106,7 +106,9 @@ def change(path: Path, settings: Mapping[str, object]):
         section = tree
         for step in sections:
             section = section[step] if isinstance(step, int) else section.setdefault(step, {})
-        if value is None:
+        if value is None and not isinstance(key, int):
+            section.pop(key, None)  # new files do not show all keys
+        elif value is None:
             del section[key]
         else:
             section[key] = value
