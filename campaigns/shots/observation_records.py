@@ -7,14 +7,18 @@ journal without such records holds no observations.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from campaigns.errors import ObservationsInvalid
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Finding, adapter_of, read_body
+from campaigns.journal.views import Entry
 from campaigns.shots.import_export import FILE_DECIMALS, ImportedFile
 from campaigns.shots.observations_csv import ObservationRow
+
+MeasuredRows = dict[tuple[object, ...], ObservationRow]
+"""Rows that runs have measured, by the keys of their planned rows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,44 +90,41 @@ NO_OBSERVATIONS = RecordedObservations()
 
 def recorded_observations(journal: JournalReader) -> RecordedObservations:
     """Return the observations of a journal; raise `FindingUnreadable` for those it cannot read."""
-    imported: dict[str, RecordedFile] = {}
     entries = journal.findings("observations")
-    for file in _recorded_files(journal):
-        if file.measured is None:
-            imported.pop(file.name, None)  # the latest import stands last
-            imported[file.name] = file
-        else:
-            imported.setdefault(file.name, RecordedFile(file.name, "", ()))
     if not entries:
         return NO_OBSERVATIONS
     files = tuple(
-        replace(file, rows=(*file.rows, *measured_rows(journal, name).values()))
-        for name, file in imported.items()
+        replace(imported, rows=(*imported.rows, *measured.values()))
+        for imported, measured in _counted(entries).values()
     )
     return RecordedObservations(files, entries[-1].number, entries[-1].at_utc)
 
 
-def measured_rows(journal: JournalReader, name: str) -> dict[tuple[object, ...], ObservationRow]:
+def measured_rows(journal: JournalReader, name: str) -> MeasuredRows:
     """Return the rows of a file that runs have measured since its latest import.
 
     By the keys of their planned rows; raise `FindingUnreadable`.
     """
-    rows: dict[tuple[object, ...], ObservationRow] = {}
-    for file in _recorded_files(journal):
-        if file.name != name:
-            continue
-        if file.measured is None:
-            rows.clear()
-        else:
-            (rows[file.measured.key],) = file.rows
-    return rows
+    counted = _counted(journal.findings("observations"))
+    return counted[name][1] if name in counted else {}
 
 
-def _recorded_files(journal: JournalReader) -> Iterator[RecordedFile]:
-    """Yield all records of observations in their order; raise `FindingUnreadable`."""
+def _counted(entries: Iterable[Entry[Finding]]) -> dict[str, tuple[RecordedFile, MeasuredRows]]:
+    """Return by name the latest import of each file and what was measured of its rows since.
+
+    Raise `FindingUnreadable`.
+    """
     remedy = "import the file again: another version of the software wrote it"
-    for entry in journal.findings("observations"):
-        yield read_body(entry.record.body, RecordedFile, "observations", remedy)
+    counted: dict[str, tuple[RecordedFile, MeasuredRows]] = {}
+    for entry in entries:
+        file = read_body(entry.record.body, RecordedFile, "observations", remedy)
+        if file.measured is None:
+            counted.pop(file.name, None)  # the latest import stands last
+            counted[file.name] = file, {}
+        else:
+            _, rows = counted.setdefault(file.name, (RecordedFile(file.name, "", ()), {}))
+            (rows[file.measured.key],) = file.rows
+    return counted
 
 
 def append_measured(
