@@ -17,6 +17,7 @@ from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import CoordinatesAmbiguous, OptionsInvalid
 from campaigns.evidence import evaluate
 from campaigns.files.cells import DecimalSign
+from campaigns.files.wording import listed
 from campaigns.next_step import NextStep
 from campaigns.options import ImportStage
 from campaigns.robots.printer_config import PRINTER, PrinterConfig
@@ -297,9 +298,7 @@ def _read(
         for note in (*points.notes, joined):
             terminal.note(note)
         if skipped:
-            more = f" and {len(skipped) - LISTED} more" if len(skipped) > LISTED else ""
-            listed = ", ".join(skipped[:LISTED])
-            terminal.note(f"left out: {len(skipped)} shots: {listed}{more}")
+            terminal.note(f"left out: {len(skipped)} shots: {listed(skipped, LISTED)}")
     elif joints or source.skip or source.form != PointFormat():
         raise OptionsInvalid(
             "--joints, --columns, --coordinates, --decimal, --encoding and --skip are for point "

@@ -1,6 +1,6 @@
 """Wording of errors: what was written, and what was probably meant."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 from drivers.texts import nearest_word, printable
 
@@ -20,6 +20,12 @@ def shown(text: str) -> str:
     line = printable(" ".join(text[:LOOKED_AT].split()))
     fits = len(line) <= SHOWN_CHARACTERS and len(text) <= LOOKED_AT
     return line if fits else f"{line[:SHOWN_CHARACTERS]}…"
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Return names in a row, at most so many, and the number of the others."""
+    text = ", ".join(names[:most])
+    return f"{text} and {len(names) - most} more" if len(names) > most else text
 
 
 def suggestion(word: str, choices: Collection[str]) -> str:

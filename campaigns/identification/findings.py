@@ -19,6 +19,7 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.evaluation.decision import COVERAGE, Decision, decide, decide_all
 from campaigns.evaluation.region import FARTHER_OFF, Region
+from campaigns.files.wording import listed
 from campaigns.fit.effects import FRAME, Effect, Lag, Layer, RateError, Ripple, Step, Walk
 from campaigns.fit.error_sources import (
     ARCMIN,
@@ -353,8 +354,7 @@ def _shots_words(events: Sequence[Event]) -> str:
     numbers = sorted(event.first for event in events)
     if len(numbers) == 1:
         return f"shot {numbers[0]}"
-    named, more = numbers[:MOST_NAMED], len(numbers) - MOST_NAMED
-    return f"shots {', '.join(map(str, named))}" + (f" and {more} more" if more > 0 else "")
+    return f"shots {listed([*map(str, numbers)], MOST_NAMED)}"
 
 
 def _change_finding(event: Event, numbers: Sequence[int], joints: Sequence[Axis]) -> Finding:

@@ -23,7 +23,7 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator
 from campaigns.errors import ConfigInvalid
 from campaigns.files import yaml_file
 from campaigns.files.text_file import make_folder, read_text, refuse_existing, write_new_text
-from campaigns.files.wording import shown
+from campaigns.files.wording import listed, shown
 from campaigns.files.yaml_edit import with_key
 from campaigns.robots.robot import RobotDocument
 from campaigns.settings import sections
@@ -193,8 +193,7 @@ def _campaigns_in(folder: Path) -> list[Path]:
 
 
 def _list_names(folders: Sequence[Path]) -> str:
-    names = ", ".join(shown(folder.name) for folder in folders[:MOST_NAMED])
-    return names + (f" and {len(folders) - MOST_NAMED} more" if len(folders) > MOST_NAMED else "")
+    return listed([shown(folder.name) for folder in folders], MOST_NAMED)
 
 
 def new_config(settings: Mapping[str, object]) -> CampaignConfig:

@@ -23,7 +23,7 @@ from typing import Literal
 from campaigns.errors import ShotsInvalid
 from campaigns.files.csv_file import CsvRow
 from campaigns.files.text_file import read_text
-from campaigns.files.wording import shown
+from campaigns.files.wording import listed, shown
 from campaigns.kinematics.mechanism import Mechanism
 from campaigns.shots.columns import check_pairs
 from campaigns.shots.point_files import NAME_JOINT, NamedPoint, PointFile
@@ -267,8 +267,7 @@ def _unmatched(
 
 def _listed(names: Sequence[str]) -> str:
     """List the first names for an error."""
-    text = ", ".join(map(shown, names[:LISTED]))
-    return f"{text} and {len(names) - LISTED} more" if len(names) > LISTED else text
+    return listed([*map(shown, names)], LISTED)
 
 
 def _pairs(rows: Sequence[JointsRow]) -> tuple[Sequence[int | None], str]:
