@@ -58,10 +58,10 @@ def show_identification(
 
 def _show_largest_shares(terminal: Terminal, identification: RecordedIdentification) -> None:
     """Show σ of positions and where most of it comes from; of observations what they determine."""
+    determined = tables.determined_rows(identification)
+    for quantity in determined:
+        terminal.say(tables.quantity_in_words(quantity))
     *rows, (_, _, combined) = tables.budget_rows(identification)
-    if determined := tables.determined_rows(identification):
-        for quantity in determined:
-            terminal.say(tables.quantity_in_words(quantity))
     if determined or not rows:
         return
     sizes = "the largest shares" if len(rows) > SHARES_SHOWN else "its shares"

@@ -111,10 +111,6 @@ class Mover:
             self.check_stop()
             self._clock.sleep_s(min(left_s, POLL_S))
 
-    def require_sound(self) -> RobotState:
-        """Return the robot's state; raise `EmergencyStop` or `MotionFault` if it reports one."""
-        return self._sound_state()
-
     def _take_way(
         self,
         way: tuple[Sequence[Joints], _Target],
@@ -152,7 +148,7 @@ class Mover:
 
     def has_moved(self, since: RobotState) -> bool:
         """Return whether the robot has left the place where it was read; raise its faults."""
-        now = self._sound_state()
+        now = self.require_sound()
         distances = self._distances(now, since.joints)
         return now.moving or not _are_within(distances, self._settle.still_rad)
 
@@ -161,8 +157,8 @@ class Mover:
         if self._stop_requested():
             raise Interrupted("stopped by the operator", remedy="the same command resumes it")
 
-    def _sound_state(self) -> RobotState:
-        """Return the robot's state; raise `EmergencyStop` or `MotionFault`."""
+    def require_sound(self) -> RobotState:
+        """Return the robot's state; raise `EmergencyStop` or `MotionFault` if it reports one."""
         # The only place that reads the state: no loop can forget to look at the faults.
         state = self._robot.state()
         if state.emergency_stop:
@@ -189,7 +185,7 @@ class Mover:
             # The time is read before the state: a process that has slept past the deadline still
             # looks at the robot once before it gives up.
             is_late = self._clock.now_s() >= deadline_s
-            state = self._sound_state()
+            state = self.require_sound()
             if not state.moving:
                 return state
             if is_late:
@@ -263,7 +259,7 @@ class Mover:
         while True:
             self.check_stop()
             is_late = self._clock.now_s() >= deadline_s
-            state = self._sound_state()
+            state = self.require_sound()
             if self._robot.shows_motion:
                 watch.see(state, self._clock.now_s())
             if not state.moving and self._is_in_place(state, target):
@@ -284,13 +280,13 @@ class Mover:
         # A robot that stands in place is allowed one more settling time after the first look that
         # comes too late: this process may have slept, as with a laptop whose lid was closed.
         give_up_s = inf
-        since_s, reference = self._clock.now_s(), self._sound_state()
+        since_s, reference = self._clock.now_s(), self.require_sound()
         last_motion = (0, 0.0)
         while True:
             self._clock.sleep_s(POLL_S)
             self.check_stop()
             now_s = self._clock.now_s()
-            state = self._sound_state()
+            state = self.require_sound()
             motion = self._distances(state, reference.joints)
             is_still = not state.moving and _are_within(motion, self._settle.still_rad)
             if not is_still:
