@@ -243,8 +243,9 @@ class Check:
     @property
     def denied(self) -> str:
         """The statement's opposite, in words."""
-        verb = next(word for word in OPPOSITES if f" {word} " in self.statement)
-        return self.statement.replace(f" {verb} ", f" {OPPOSITES[verb]} ", 1)
+        words = self.statement.split(" ")
+        verb = next(place for place, word in enumerate(words) if word in OPPOSITES)
+        return " ".join([*words[:verb], OPPOSITES[words[verb]], *words[verb + 1 :]])
 
 
 def same_digest(statement: str, digest: str | None, other: str | None) -> Check:

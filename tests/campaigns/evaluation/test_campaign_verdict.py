@@ -1,10 +1,14 @@
 """The verdict: when it passes, when it fails, and when nothing is decided."""
 
+import ast
+import inspect
+import re
 from dataclasses import replace
 
 import pytest
 from changed_results import with_fields
 
+from campaigns import evidence
 from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.evaluation.verdict import (
     Check,
@@ -113,3 +117,28 @@ def test_a_campaigns_verdict_rests_on_its_own_identification(evaluation):
     for identification, decision in ((failed, "fail"), (None, "not decided")):
         verdict = Evaluation(replace(evidence, identification=identification)).verdict
         assert verdict.decision == decision
+
+
+def statements():
+    """Texts that `campaigns/evidence.py` makes checks of; what it fills in stands as …."""
+    for node in ast.walk(ast.parse(inspect.getsource(evidence))):
+        text = None
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "statement":
+            text = node.value
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) in {"Check", "same_digest"}:
+            text = node.args[0]
+        if isinstance(text, ast.JoinedStr):
+            parts = (getattr(part, "value", None) for part in text.values)
+            yield "".join(part if isinstance(part, str) else "…" for part in parts)
+        elif isinstance(text, ast.Constant):
+            yield text.value
+
+
+def test_each_statement_about_the_files_has_its_opposite():
+    denied = {text: Check(text, holds=False, detail="").denied for text in statements()}
+    assert len(denied) > 10
+    assert all(re.search(r" (?:not|no) ", f" {opposite} ") for opposite in denied.values())
+    says = "campaign.yaml says what it said when the identification was judged by it"
+    assert denied[says] == says.replace("says", "does not say")
+    held = "the controller held the nominal parameters when the robot was validated before"
+    assert denied[held] == held.replace("held", "did not hold")
