@@ -28,6 +28,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from ruamel.yaml import YAML
+
 from benchmarks.differences import compare
 
 DATA = Path(__file__).parents[1] / "tests" / "data"
@@ -69,7 +71,10 @@ FAULTS = (
     ),
     *(f"at_result: 4, kind: {kind}" for kind in ("early", "repeated", "straggling", "other_units")),
 )
-SMALL_PLAN = {"shots": 8, "validation_pairs": 1, "drift_shots": 2, "timeout_s": 300}
+SMALL_PLAN: Mapping[str, Mapping[str, int]] = {
+    "plan": {"shots": 8, "validation_pairs": 1, "drift_shots": 2},
+    "settle": {"timeout_s": 300},
+}
 COMMANDS = """
 check-journal DIR
 status DIR
@@ -236,14 +241,21 @@ def record_fault(recorder: Recorder, fault: str) -> None:
     recorder.run("new", str(folder), "--scenario", "hostile")
     faults = f"faults:\n  - {{{fault}}}\n"
     edit(folder / "cell.yaml", {r"^faults:\n(?:[ -].*\n)*": faults})
-    edit(
-        folder / "campaign.yaml",
-        {rf"^  {key}:.*$": f"  {key}: {value}" for key, value in SMALL_PLAN.items()},
-    )
+    set_keys(folder / "campaign.yaml", SMALL_PLAN)
     planned = recorder.run("plan", str(folder))
     answer = recorder.run("run", str(folder), "--yes", "--retry", "5", "--json")
     lines = [f"plan: exit {planned.code}", f"run: exit {answer.code}", answer.case()["error"]]
     recorder.write(f"faults/{name}.txt", "\n".join([*lines, *story(folder / "campaign.db")]))
+
+
+def set_keys(path: Path, sections: Mapping[str, Mapping[str, int]]) -> None:
+    """Set keys of sections of a YAML file, also those that a new file does not show."""
+    yaml = YAML()
+    tree = yaml.load(path.read_text(encoding="utf-8"))
+    for section, keys in sections.items():
+        tree.setdefault(section, {}).update(keys)
+    with path.open("w", encoding="utf-8") as file:
+        yaml.dump(tree, file)
 
 
 def edit(path: Path, changes: Mapping[str, str]) -> None:
