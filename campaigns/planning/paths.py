@@ -137,25 +137,29 @@ class RobotModel:
 
         It is straight if that is safe, else by poses between the ends and the workspace's centre.
         """
-        return self.safe_paths(np.stack([start, end]))[0]
+        return self.safe_ways(start[None], end[None])[0]
 
     def safe_paths(self, stops: Array) -> list[list[Array] | None]:
         """Return joint targets of a safe way from each stop (K, n) to the next, as `safe_path`."""
-        if len(stops) < 2:
+        return self.safe_ways(stops[:-1], stops[1:])
+
+    def safe_ways(self, starts: Array, ends: Array) -> list[list[Array] | None]:
+        """Return joint targets of a safe way of each of M pairs of ends (M, n), as `safe_path`."""
+        if not len(starts):
             return []
         # 1. Straight moves, which most are: all of them in one batch.
-        safe = self.are_safe(np.stack([stops[:-1], stops[1:]]))
-        paths = [[end] if is_safe else None for end, is_safe in zip(stops[1:], safe, strict=True)]
+        safe = self.are_safe(np.stack([starts, ends]))
+        paths = [[end] if is_safe else None for end, is_safe in zip(ends, safe, strict=True)]
         if safe.all():
             return paths
         # 2. Detours lead by poses, so both ends need one. Each kind of detour is tried in one batch
         #    for all moves that are still blocked.
-        poses = self.kinematics.forward(stops)
-        blocked = np.flatnonzero(~safe & poses.is_solved[:-1] & poses.is_solved[1:])
-        for via in _detours(poses.values[:-1], poses.values[1:], self.centre):
+        first, last = (self.kinematics.forward(joints) for joints in (starts, ends))
+        blocked = np.flatnonzero(~safe & first.is_solved & last.is_solved)
+        for via in _detours(first.values, last.values, self.centre):
             if not blocked.size:
                 break
-            ways, safe = self._ways_by(stops[blocked], via[:, blocked], stops[blocked + 1])
+            ways, safe = self._ways_by(starts[blocked], via[:, blocked], ends[blocked])
             for place in np.flatnonzero(safe):
                 paths[blocked[place]] = list(ways[1:, place])
             blocked = blocked[~safe]

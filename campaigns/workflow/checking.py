@@ -80,12 +80,14 @@ def _shots_on_tour(
     kinematics, joints = robot.kinematics, joints_of(fitted)
     centre, order = kinematics.inverse(robot.centre[None]), list[int]()
     places = np.linspace(0, len(fitted) - 1, min(count, len(fitted))).astype(int)
+    reached: Sequence[int] = ()
+    if centre.is_solved[0]:
+        ways = robot.safe_ways(np.broadcast_to(centre.values, joints.shape), joints)
+        reached = [shot for shot, way in enumerate(ways) if way is not None]
     # a short plan may give the same place twice: each counts once
-    for place in np.unique(places) if centre.is_solved[0] else ():
-        for near in np.argsort(np.abs(np.arange(len(fitted)) - place), kind="stable").tolist():
-            if near not in order and robot.safe_path(centre.values[0], joints[near]):
-                order.append(near)
-                break
+    for place in np.unique(places):
+        free = [shot for shot in reached if shot not in order]
+        order += sorted(free, key=lambda shot: (abs(shot - place), shot))[:1]
     if not order:
         raise PlanInvalid(
             "the identified robot reaches no identification shot of plan.csv from the centre",
