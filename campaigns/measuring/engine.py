@@ -94,6 +94,7 @@ class Engine:
         Raise the error that ended the run, once the robot has been stopped, or `RobotStateUnknown`
         if the stop could not be confirmed.
         """
+        self._session.mover.foresee([step for group in groups_left for step in group])
         with stopping_robot(self._session.cell.robot, self._run_state):
             self._measure_queue(groups_left)
             # By now the gate predicts better, and a person in the beam may have gone.

@@ -10,6 +10,7 @@ Nothing in this module stops the robot: an exception that leaves it makes the en
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import inf
 
 import numpy as np
@@ -30,6 +31,8 @@ POLL_S = 0.02
 """How often a robot is looked at while it settles."""
 MOVING_POLL_S = 0.05
 """How often it is looked at on its way; a wish to stop ends the sleep between."""
+WAYS_AT_ONCE = 32
+"""Number of moves whose ways are found together: a robot waits for it a fraction of a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +80,15 @@ class Mover:
         self._stop_requested = stop_requested
         self._last_target: Joints | None = None
         """Target at which the robot settled last."""
+        self._moves: tuple[tuple[Joints, Joints], ...] = ()
+        """Moves between the stops of a series, in its order."""
+        self._ways: dict[tuple[Joints, Joints], list[Joints] | None] = {}
+        """Safe ways of moves of the series, as far as they were needed; None where none is."""
+
+    def foresee(self, steps: Sequence[Step]) -> None:
+        """Take the steps of a series, between whose stops ways will be needed in this order."""
+        stops = [joints for step in steps for joints in (*step.approach, step.planned.joints)]
+        self._moves, self._ways = tuple(pairwise(stops)), {}
 
     def go(self, step: Step, entering: Callable[[EngineState], None]) -> Arrival:
         """Take the step's way and settle at its end; `entering` gets each new state.
@@ -219,7 +231,7 @@ class Mover:
         """Return the legs of a safe way; raise `JogRequired` or `TargetOutOfReach`."""
         # Two errors with two remedies: a robot that has no way out of where it may not be can go
         # nowhere, and the run ends; one without a way to this target goes on with the next.
-        legs = self._model.legs(here, target)
+        legs = self._legs(here, target)
         if legs is None and (fault := self._model.standing_fault(here)):
             raise JogRequired(
                 f"no way {name}: the robot stands where it may not be: {fault}",
@@ -231,6 +243,19 @@ class Mover:
                 remedy="jog the robot near the workspace's centre, then run again",
             )
         return legs
+
+    def _legs(self, here: Joints, target: Joints) -> list[Joints] | None:
+        """Return the legs of a safe way between joints, None if none was found."""
+        # The ways of the next moves of a series are found together: one by one, before each
+        # motion, they take four times as long. Other moves, as after a skipped shot, stand alone.
+        move = here, target
+        if move in self._ways:
+            return self._ways[move]
+        first = self._moves.index(move) if move in self._moves else len(self._moves)
+        moves = self._moves[first : first + WAYS_AT_ONCE] or (move,)
+        ways = dict(zip(moves, self._model.legs_of(moves), strict=True))
+        self._ways |= ways
+        return ways[move]
 
     def _deadline_s(self) -> float:
         """Return the time by which a move that begins now must have ended and settled."""

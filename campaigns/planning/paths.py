@@ -129,8 +129,15 @@ class RobotModel:
 
     def legs(self, here: Joints, there: Joints) -> list[Joints] | None:
         """Return joint targets of a safe way, `there` itself the last; None if none was found."""
-        way = self.safe_path(np.array(here), np.array(there))
-        return None if way is None else [*(tuple(leg.tolist()) for leg in way[:-1]), there]
+        return self.legs_of([(here, there)])[0]
+
+    def legs_of(self, moves: Sequence[tuple[Joints, Joints]]) -> list[list[Joints] | None]:
+        """Return joint targets of a safe way of each move, as `legs`."""
+        starts, ends = (np.array([move[end] for move in moves]) for end in (0, 1))
+        return [
+            None if way is None else [*(tuple(leg.tolist()) for leg in way[:-1]), there]
+            for way, (_, there) in zip(self.safe_ways(starts, ends), moves, strict=True)
+        ]
 
     def safe_path(self, start: Array, end: Array) -> list[Array] | None:
         """Return joint targets of a safe way, `end` the last; None if none was found.

@@ -1,6 +1,7 @@
 """Moves by safe ways, and what counts as having arrived."""
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from par4_space import par4
 from small_plans import LIMITS, OPEN, SETTLE, SPEED_FRACTION, commanded_as_pose, joints_at, planned
 
 from campaigns.errors import Interrupted, NotSettled, TargetOutOfReach
-from campaigns.measuring.motion import Arrival, Mover
+from campaigns.measuring.motion import WAYS_AT_ONCE, Arrival, Mover
 from campaigns.measuring.run_state import EngineState
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import PlannedShot
@@ -226,3 +227,24 @@ def test_robot_has_moved_when_a_joint_leaves_its_stillness_or_is_no_number() -> 
     for moved_deg, has_moved in ((0.001, False), (0.003, True), (np.nan, True)):
         cell.robot.joints = np.add(before.joints, np.radians([0.0, 0.0, 0.0, moved_deg]))
         assert mover.has_moved(before) is has_moved
+
+
+def test_ways_of_a_series_are_found_together_and_are_those_found_one_by_one(monkeypatch) -> None:
+    rng, asked = np.random.default_rng(4), []
+    places = enumerate(rng.uniform(-220.0, 220.0, (WAYS_AT_ONCE + 3, 2)))
+    shots = [planned(n, ShotSet.ROTATION, None, *place, -600.0) for n, place in places]
+    narrow = LIMITS.narrowed_by(swing_rad=0.5 * LIMITS.forearm_swing_rad)
+    model = RobotModel(OPEN.kinematics, narrow, CENTRE)
+    ends = list(pairwise(shot.joints for shot in shots))
+    one_by_one = [model.legs(*move) for move in ends]
+    assert any(way is None or len(way) > 1 for way in one_by_one)
+    find = RobotModel.legs_of
+    monkeypatch.setattr(
+        RobotModel, "legs_of", lambda of, moves: asked.append(len(moves)) or find(of, moves)
+    )
+    cell = FakeCell()
+    mover = Mover(cell.robot, cell.clock, SPEED_FRACTION, SETTLE, model, cell.wish)
+    mover.foresee([Step(shot, "joints") for shot in shots])
+    assert [mover._legs(*move) for move in ends] == one_by_one
+    assert asked == [WAYS_AT_ONCE, 2]
+    assert mover._legs(ends[0][0], ends[4][1]) == model.legs(ends[0][0], ends[4][1])
