@@ -11,10 +11,9 @@ from campaigns.files.lock import lock_holder
 from campaigns.next_step import NextStep, next_step, state_of
 from campaigns.settings.instrument import StatedInstrument
 
-DEFAULT_LIMITS = (
-    "such points have no uncertainty of their own, and tracker.uncertainty in campaign.yaml names "
-    "no data sheet: U will rest on default limits, by which no certificate is issued; state them "
-    "before you measure"
+BY_DEFAULT = (
+    "in campaign.yaml names no data sheet: U will rest on default limits, by which no certificate "
+    "is issued; state them before you measure"
 )
 
 
@@ -28,8 +27,13 @@ def tell_who_works(terminal: Terminal, campaign: CampaignFolder) -> None:
 def tell_source_of_u(terminal: Terminal, campaign: CampaignFolder) -> None:
     """Note that points typed or read from a file will have the U of default limits."""
     tracker = campaign.config.tracker
-    if tracker.states_no_uncertainty and StatedInstrument.of(tracker).source == "default":
-        terminal.note(f"! {DEFAULT_LIMITS}", WARNING)
+    stated = StatedInstrument.of(tracker)
+    if tracker.states_no_uncertainty and stated.of_shot.source == "default":
+        words = "such points have no uncertainty of their own, and tracker.uncertainty"
+        terminal.note(f"! {words} {BY_DEFAULT}", WARNING)
+    certificate = campaign.config.certificate
+    if certificate.is_asked and stated.of_all.source == "default":
+        terminal.note(f"! tracker.common {BY_DEFAULT}", WARNING)
 
 
 def tell_next(

@@ -14,6 +14,7 @@ from campaigns.identification.repeats import PlannedVisits
 from campaigns.kinematics.parameters import SIGNS, ParameterTable
 from campaigns.planning.forecast import Forecast
 from campaigns.planning.plan_check import REFLECTOR_MOVE_S, CheckedPlan
+from campaigns.shots.observations_csv import default_in_words
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.outlook import Gain
 from campaigns.workflow.observation_plan import PlannedObservations
@@ -93,6 +94,8 @@ def observations_lines(planned: PlannedObservations) -> Iterator[str]:
         yield f"{count} {_plural(kind, name)}, {held_out[name]} of them held out to test the result"
     if planned.rows:
         yield f"observations take about {interval((planned.seconds, planned.seconds))}"
+    if by_default := default_in_words(planned.rows):
+        yield by_default
 
 
 def gain_rows(planned: PlannedObservations) -> list[tuple[str, ...]]:

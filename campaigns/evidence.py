@@ -35,6 +35,7 @@ from campaigns.errors import CampaignError, FindingUnreadable, PlanInvalid
 from campaigns.evaluation import model_errors, validation
 from campaigns.evaluation.robot_scatter import RobotScatter
 from campaigns.evaluation.simulated_devices import OWN_EQUATIONS, simulated_devices
+from campaigns.evaluation.stated_sources import SeriesSources, restated_observations
 from campaigns.evaluation.time_series import TimeSeries, time_series
 from campaigns.evaluation.verdict import (
     CampaignVerdict,
@@ -66,7 +67,7 @@ from campaigns.planning.plan_file import (
     read_plan,
 )
 from campaigns.robots.robot import RobotFile, read_robot
-from campaigns.settings.instrument import StatedInstrument
+from campaigns.settings.instrument import NamedInstruments, StatedInstrument
 from campaigns.shots.observation_records import (
     NO_OBSERVATIONS,
     RecordedObservations,
@@ -297,6 +298,14 @@ class Evidence:
         devices = simulated_devices(series, planned=self.campaign.is_simulated)
         has_parts = self.campaign.robot.mechanism.name in MECHANISMS
         return devices if has_parts or not devices else f"{devices} {OWN_EQUATIONS}"
+
+    @cached_property
+    def named_instruments(self) -> NamedInstruments:
+        """Names of the instruments as the latest series recorded them, or else of campaign.yaml."""
+        config = self.campaign.config
+        now = NamedInstruments.of(config.tracker, config.instruments)
+        latest = [item.series.started for _, item in self.by_stage()][-1:]
+        return now.recorded(latest[0]) if latest else now
 
     def by_stage(self) -> tuple[tuple[str, MeasuredSeries], ...]:
         """Return the names of all series with their shots, in the order of a campaign."""
@@ -823,58 +832,23 @@ def _check_of_start(evidence: Evidence) -> Check:
     return Check(statement, held.kind == "nominal", held.says, decides=False)
 
 
-# Only points without an uncertainty of their own rest on the limits of the noise, but all rest on
-# the limits of what shots have in common. So any change is named, for every series that counts.
 def checks_of_instrument(evidence: Evidence) -> Iterator[Check]:
-    """Yield a check for each change of the tracker's limits after a series was measured.
-
-    None of them decides: the limits that were recorded with the series count.
-    """
-    now = StatedInstrument.of(evidence.campaign.config.tracker)
-    changes: dict[str, list[str]] = {}
-    for _, item in evidence.by_stage():
-        then = evidence.campaign.instrument_of(item.series.started)
-        changes.setdefault(then.difference(now), []).append(str(item.series.number))
-    for changed, numbers in changes.items():
-        if changed:
-            yield Check(
-                "campaign.yaml states the tracker's uncertainty as when series "
-                f"{', '.join(numbers)} came into the journal",
-                holds=False,
-                detail=f"{changed}; the former counts",
-                decides=False,
-            )
-    for series, earlier, smaller in restated_series(evidence):
-        yield Check(
-            f"the tracker's uncertainty was stated before the points of series {series} were there",
-            holds=False,
-            detail=f"series {earlier} has the same points with larger limits: {smaller}",
-            decides=False,
-        )
+    """Yield the checks that what is stated of the instruments is what their records state."""
+    config, sources = evidence.campaign.config, sources_of(evidence)
+    names = NamedInstruments.of(config.tracker, config.instruments)
+    yield from sources.changed_later(StatedInstrument.of(config.tracker), names)
+    yield from sources.restated()
+    yield from restated_observations(evidence.observations.restated)
 
 
-def restated_series(evidence: Evidence) -> Iterator[tuple[int, int, str]]:
-    """Yield counted imports that state smaller limits of the tracker for points imported before.
-
-    Each with the earlier series' number, and the limits that differ, in words.
-    """
-    # A file that is imported again takes the limits that campaign.yaml has by then. The figures of
-    # the first import were there to be looked at, so that limits could be chosen by them.
-    journal, campaign = evidence.journal, evidence.campaign
-    for _, item in evidence.by_stage():
-        if journal is None or not item.series.started.imported:
-            continue
-        now, points = campaign.instrument_of(item.series.started), _points_of(item.series)
-        for earlier in journal.series:
-            then = campaign.instrument_of(earlier.started)
-            is_same = earlier.number < item.series.number and points & _points_of(earlier)
-            if is_same and now.is_smaller_than(then):
-                yield item.series.number, earlier.number, then.difference(now)
-
-
-def _points_of(series: Series) -> set[tuple[float, ...]]:
-    """Return the points of a series' accepted shots."""
-    return {shot.outcome.point_in_tracker_mm for shot in series.shots}
+def sources_of(evidence: Evidence) -> SeriesSources:
+    """Return the series with what their records state of the instruments."""
+    return SeriesSources(
+        counted=tuple(item.series for _, item in evidence.by_stage()),
+        every=evidence.journal.series if evidence.journal else (),
+        mechanism=evidence.campaign.robot.mechanism,
+        instrument_of=evidence.campaign.instrument_of,
+    )
 
 
 def _limits_set_later(evidence: Evidence) -> Iterator[str]:

@@ -17,7 +17,7 @@ from campaigns.measuring.session import RunResult
 from campaigns.measuring.work import Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
-from campaigns.shots.observations_csv import FILE_NAME
+from campaigns.shots.observations_csv import FILE_NAME, default_in_words
 from campaigns.workflow.observation_run import doubt_of, planned_observations
 from campaigns.workflow.running import predicted_end, run_preview, run_work, state_by_journal
 from drivers.bounded_files import is_there
@@ -114,7 +114,10 @@ def measure_observations(
     campaign: Campaign, terminal: Terminal, options: RunOptions, *, yes: bool, plain: bool
 ) -> ObservationResult:
     """Measure the planned observations, and say which have no value; `yes`: the cell is clear."""
-    job = ObservationJob(campaign, len(planned_observations(campaign)), options.retry)
+    rows = [planned.row for planned in planned_observations(campaign)]
+    if by_default := default_in_words(rows):
+        terminal.note(f"! {by_default}", WARNING)
+    job = ObservationJob(campaign, len(rows), options.retry)
     observed = measure(job, terminal, yes=yes, plain=plain)
     terminal.say(f"measured: {observed.measured} observations, also written to {FILE_NAME}")
     for skipped in observed.skipped:

@@ -52,7 +52,7 @@ def page_of(evaluation: Evaluation, made_utc: str) -> Page:
         ("customer", certificate.customer),
         ("issued by", certificate.laboratory),
         ("robot", f"{certificate.robot_type} {robot}".strip()),
-        ("serial number", config.instruments.robot_serial),
+        ("serial number", evidence.named_instruments.names["instruments.robot_serial"]),
         ("tracker", record.tracker_in_words(evidence)),
         ("conditions", certificate.conditions),
         ("place", config.people.site),

@@ -7,7 +7,8 @@ campaign.yaml. A page becomes a certificate if campaign.yaml asks for one and no
 that was valid for the last shot. Digests tie the page to the journal, the plan and the geometry.
 """
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from app.report import figures, tables
 from app.report.section import Section
+from campaigns.evaluation.stated_sources import restated_observations
 from campaigns.evaluation.time_series import TimeSeries, time_series, worst_std_mm
 from campaigns.evaluation.verdict import Check
 from campaigns.evidence import (
@@ -23,7 +25,7 @@ from campaigns.evidence import (
     Incident,
     JournalFacts,
     MeasuredSeries,
-    restated_series,
+    sources_of,
 )
 from campaigns.files.table import NOTHING, Column, Row, by_place, number, words
 from campaigns.identification.result import Frame, RecordedIdentification
@@ -32,6 +34,7 @@ from campaigns.journal.views import Series
 from campaigns.settings.instrument import StatedInstrument
 from campaigns.settings.sections import CertificateConfig
 from campaigns.shots.import_export import imported_files
+from campaigns.shots.observations_csv import ObservationRow, default_in_words
 from campaigns.shots.shots import Shots
 from drivers.texts import moment
 from drivers.values import Identity
@@ -49,6 +52,17 @@ class TrackerRow:
     """Source of u, in words."""
 
 
+@dataclass(frozen=True, slots=True)
+class Gauge:
+    """Observations of a file that have one kind, one σ and one source of it."""
+
+    file: str
+    kind: str
+    std_mm: float
+    source: str
+    count: int
+
+
 TRACKER: tuple[Column[TrackerRow], ...] = (
     words("series", lambda row: row.course.name),
     Column("u of a point, median", lambda row: row.median_mm, "mm", 4),
@@ -58,12 +72,13 @@ TRACKER: tuple[Column[TrackerRow], ...] = (
     Column("to", lambda row: (row.course.air_range or (None,))[-1], "°C", 2),
     Column("drift pose moved", lambda row: row.course.moved_mm, "mm"),
 )
-INSTRUMENT: tuple[Column[tuple[str, StatedInstrument]], ...] = (
-    words("series", lambda row: row[0]),
-    words("along the beam", lambda row: row[1].limits_in_words[0]),
-    words("across it", lambda row: row[1].limits_in_words[1]),
-    words("common: scale, axes, reflector", lambda row: row[1].limits_in_words[2]),
-    words("source of along and across", lambda row: row[1].source_in_words),
+INSTRUMENT: tuple[Column[Row], ...] = by_place("series", "of what", "limits", "source")
+GAUGES: tuple[Column[Gauge], ...] = (
+    words("file", lambda row: row.file),
+    words("kind", lambda row: row.kind),
+    Column("observations", lambda row: row.count),
+    Column("σ", lambda row: row.std_mm, "mm", 4),
+    words("source of σ", lambda row: row.source),
 )
 FRAMES: tuple[Column[tuple[str, Frame]], ...] = (
     words("shots", lambda row: row[0]),
@@ -115,7 +130,7 @@ def facts(evaluation: Evaluation) -> Iterator[Row]:
         ("controller", str(robot)),
         ("tracker", tracker_in_words(evidence)),
         ("tracker's certificate", _tracker_certificate(certificate)),
-        ("reflector", _reflector(evidence)),
+        ("reflector", evidence.named_instruments.reflector),
         ("tool", certificate.tool),
         ("payload", "" if certificate.payload_kg is None else f"{certificate.payload_kg:g} kg"),
         ("speed", f"{config.controller.speed_percent:g} % of full speed"),
@@ -124,11 +139,6 @@ def facts(evaluation: Evaluation) -> Iterator[Row]:
         ("authorised by", certificate.authorised_by),
         ("method", NOTHING if identification is None else _method(identification)),
     )
-
-
-def _reflector(evidence: Evidence) -> str:
-    config = evidence.campaign.config
-    return f"{config.tracker.reflector} {config.instruments.reflector_serial}".strip()
 
 
 def _method(identification: RecordedIdentification) -> str:
@@ -147,13 +157,13 @@ def certificate_lacks(evaluation: Evaluation) -> list[str] | None:
     # traceable.
     evidence, config = evaluation.evidence, evaluation.evidence.campaign.config
     certificate = config.certificate
-    if not (certificate.number or certificate.customer or certificate.laboratory):
+    if not certificate.is_asked:
         return None
     needed = {
         "certificate.number": certificate.number,
         "certificate.customer": certificate.customer,
         "certificate.laboratory": certificate.laboratory,
-        "instruments.robot_serial": config.instruments.robot_serial,
+        "instruments.robot_serial": evidence.named_instruments.names["instruments.robot_serial"],
         "people.site": config.people.site,
         "people.operator": config.people.operator,
         "certificate.authorised_by": certificate.authorised_by,
@@ -179,13 +189,13 @@ def certificate_lacks(evaluation: Evaluation) -> list[str] | None:
 def _tracker_named(evidence: Evidence) -> dict[str, str]:
     """Return maker with model, and serial number of the tracker, by their keys in campaign.yaml.
 
-    What the device stated counts, or else what campaign.yaml does.
+    What the device stated counts, or else what campaign.yaml did when the series was measured.
     """
-    identity, config = _stated_tracker(evidence), evidence.campaign.config
+    identity, names = _stated_tracker(evidence), evidence.named_instruments.names
     model = f"{identity.vendor} {identity.model}".strip() if identity else ""
     return {
-        "instruments.tracker": model or config.instruments.tracker,
-        "tracker.serial": (identity.serial if identity else "") or config.tracker.serial or "",
+        "instruments.tracker": model or names["instruments.tracker"],
+        "tracker.serial": (identity.serial if identity else "") or names["tracker.serial"],
     }
 
 
@@ -287,6 +297,13 @@ def tracker_section(evaluation: Evaluation) -> Section:
         "What campaign.yaml said then counts, whatever it says now. Limits over √3 are 1 σ. Those "
         "of what all shots have in common are in U whatever each point states.",
     )
+    section.table(
+        "σ of observations without a tracker, as recorded when they were measured or imported",
+        GAUGES,
+        _gauges(evidence.observations.rows),
+        "As the column std_source of observations.csv states it: `default` is what is usual of "
+        "such instruments; without a word the file's own figures, typed by its author, count.",
+    )
     if identification is not None:
         title = "Errors of the tracker, as identified"
         section.table(title, tables.TRACKER_ERRORS, identification.value.tracker.items())
@@ -319,7 +336,7 @@ def _tracker_row(evidence: Evidence, name: str, item: MeasuredSeries) -> Tracker
     source = "each point's own statement"
     if count := _without_statement(shots):
         all_or_some = "" if count == len(shots) else f", for {count} of {len(shots)}"
-        source = f"limits: {stated.source}{all_or_some}"
+        source = f"limits: {stated.of_shot.source}{all_or_some}"
     return TrackerRow(time_series(name, shots), median_mm, largest_mm, source)
 
 
@@ -330,7 +347,7 @@ def points_source(evidence: Evidence) -> str:
         count, shots = _without_statement(item.shots), len(item.shots)
         if count:
             stated = evidence.campaign.instrument_of(item.series.started)
-            sources[f"the tracker's limits ({stated.source_in_words})"] = None
+            sources[f"the tracker's limits ({stated.of_shot.source_in_words})"] = None
         if count < shots:
             sources["each point's own statement"] = None
     return f"Its instrument's part is from {' and '.join(sources)}." if sources else ""
@@ -341,8 +358,8 @@ def _without_statement(shots: Shots) -> int:
     return int(np.isnan(shots.stated_covariance_mm2).any(axis=(1, 2)).sum())
 
 
-def _instruments_stated(evidence: Evidence) -> list[tuple[str, StatedInstrument]]:
-    """Return the limits of the tracker as recorded, each once, with the numbers of all its series.
+def _instruments_stated(evidence: Evidence) -> Iterator[Row]:
+    """Yield the limits of the tracker as recorded, each once, with the numbers of all its series.
 
     Series that count no more are among them: limits that were changed show here.
     """
@@ -350,33 +367,51 @@ def _instruments_stated(evidence: Evidence) -> list[tuple[str, StatedInstrument]
     for series in evidence.journal.series if evidence.journal else ():
         stated = evidence.campaign.instrument_of(series.started)
         seen.setdefault(stated, []).append(str(series.number))
-    return [(", ".join(numbers), stated) for stated, numbers in seen.items()]
+    for stated, numbers in seen.items():
+        along, across, of_all = stated.limits_in_words
+        source = stated.of_shot.source_in_words
+        yield ", ".join(numbers), "along the beam", along, source
+        yield "", "across it", across, source
+        yield "", "scale, axes, reflector", of_all, stated.of_all.source_in_words
+
+
+def _gauges(rows: Iterable[ObservationRow]) -> list[Gauge]:
+    """Return observations by file, kind, σ and source of σ, with the number of each."""
+    counts = Counter((row.file, row.kind, row.std_mm, row.std_source_in_words) for row in rows)
+    return [Gauge(*alike, count) for alike, count in counts.items()]
 
 
 def why_unstated(evidence: Evidence) -> Iterator[str]:
-    """Yield what a certificate lacks of the source of the tracker's uncertainty."""
-    by_source: dict[str, list[str]] = {}
+    """Yield what a certificate lacks of the source of uncertainties."""
+    of_shots, of_all = dict[str, list[str]](), dict[str, list[str]]()
     for _, item in evidence.by_stage():
-        source = evidence.campaign.instrument_of(item.series.started).source
-        if source != "data sheet" and _without_statement(item.shots):
-            by_source.setdefault(source, []).append(str(item.series.number))
-    for kind, numbers in by_source.items():
-        of = f"U of series {', '.join(numbers)}"
-        if kind == "default":
+        stated, number = evidence.campaign.instrument_of(item.series.started), item.series.number
+        if _without_statement(item.shots):
+            of_shots.setdefault(stated.of_shot.source, []).append(str(number))
+        of_all.setdefault(stated.of_all.source, []).append(str(number))
+    sections = {"tracker.uncertainty": of_shots, "tracker.common": of_all}
+    for section, by_source in sections.items():
+        if numbers := ", ".join(by_source.get("default", ())):
             yield (
-                f"the tracker's data sheet: {of} rests on default limits (state "
-                "`tracker.uncertainty` with data_sheet and typed_by, and measure anew)"
+                f"the tracker's data sheet: U of series {numbers} rests on default limits (state "
+                f"`{section}` with data_sheet and typed_by, and measure anew)"
             )
-        else:
+        if numbers := ", ".join(by_source.get("not recorded", ())):
             yield (
-                f"the source of the tracker's uncertainty: {of} rests on limits whose source the "
-                "journal does not record (import or measure anew)"
+                f"the source of the tracker's uncertainty: U of series {numbers} rests on limits "
+                f"of `{section}` whose source the journal does not record (import or measure anew)"
             )
-    for series, earlier, smaller in restated_series(evidence):
+    rows = evidence.observations.rows
+    if by_default := default_in_words(rows):
+        yield f"the data sheets of other instruments: {by_default}"
+    if count := sum(row.std_source is None for row in rows):
         yield (
-            f"limits of the tracker that were stated before the points were there: series {series} "
-            f"has the points of series {earlier}, with smaller ones ({smaller})"
+            f"the source of σ of {count} of {len(rows)} observations: the journal does not record "
+            "it (import them anew)"
         )
+    sources = sources_of(evidence)
+    restated = (*sources.restated(), *restated_observations(evidence.observations.restated))
+    yield from (f"that {check.statement}: {check.detail}" for check in restated)
 
 
 def _frames(identification: RecordedIdentification) -> list[tuple[str, Frame]]:
@@ -478,7 +513,7 @@ def _instruments(evidence: Evidence, journal: JournalFacts) -> Iterator[Row]:
             seen.setdefault(named, []).append(str(series.number))
     for (name, text), numbers in seen.items():
         yield name, ", ".join(numbers), text
-    yield "reflector", "now", _reflector(evidence)
+    yield "reflector", "as recorded", evidence.named_instruments.reflector
 
 
 def _digests(evidence: Evidence, journal: JournalFacts) -> Iterator[Row]:

@@ -118,6 +118,12 @@ class TrackerCommonConfig(FileModel):
         le=100.0,
         description="the error of the reflector's constant, mm; 0.35 if its type is unknown",
     )
+    data_sheet: str = Field(
+        default="",
+        description="the documents that state these three; empty: they are a common tracker's, by "
+        "which no certificate is issued",
+    )
+    typed_by: str = Field(default="", description="who took them from there")
 
 
 class NestConfig(FileModel):
@@ -311,7 +317,8 @@ class TrackerConfig(FileModel):
     )
     common: TrackerCommonConfig = Field(
         default=TrackerCommonConfig(),
-        description="limits of what all shots have in common, by default a common tracker's",
+        description="limits of what all shots have in common, by default a common tracker's; state "
+        "them too before anything is measured",
     )
 
     @model_validator(mode="after")
@@ -568,3 +575,8 @@ class CertificateConfig(FileModel):
     tracker: TrackerCertificateConfig = Field(
         default=TrackerCertificateConfig(), description="the tracker's own certificate"
     )
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether campaign.yaml asks for a certificate."""
+        return bool(self.number or self.customer or self.laboratory)

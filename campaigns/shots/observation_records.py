@@ -7,7 +7,7 @@ journal without such records holds no observations.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from campaigns.errors import ObservationsInvalid
@@ -64,6 +64,24 @@ class RecordedFile:
 
 
 @dataclass(frozen=True, slots=True)
+class RestatedStd:
+    """Observations whose counting σ is smaller than that which was recorded of them first."""
+
+    file: str
+    """Name of the file that counts."""
+    at_utc: str
+    """Time of its record."""
+    earlier: str
+    """Name of the file that they are in first."""
+    earlier_utc: str
+    count: int
+    """Number of observations."""
+    then_mm: float
+    """σ then, of the observation of which it fell by the largest factor."""
+    now_mm: float
+
+
+@dataclass(frozen=True, slots=True)
 class RecordedObservations:
     """Observations of a journal that count."""
 
@@ -73,6 +91,8 @@ class RecordedObservations:
     """Number of the latest record of any; 0 without one."""
     at_utc: str = ""
     """Time of that record."""
+    restated: tuple[RestatedStd, ...] = ()
+    """Observations of which a larger σ was recorded first."""
 
     @property
     def rows(self) -> tuple[ObservationRow, ...]:
@@ -97,7 +117,8 @@ def recorded_observations(journal: JournalReader) -> RecordedObservations:
         replace(imported, rows=(*imported.rows, *measured.values()))
         for imported, measured in _counted(entries).values()
     )
-    return RecordedObservations(files, entries[-1].number, entries[-1].at_utc)
+    restated = tuple(_restated(entries, files))
+    return RecordedObservations(files, entries[-1].number, entries[-1].at_utc, restated)
 
 
 def measured_rows(journal: JournalReader, name: str) -> MeasuredRows:
@@ -114,10 +135,9 @@ def _counted(entries: Iterable[Entry[Finding]]) -> dict[str, tuple[RecordedFile,
 
     Raise `FindingUnreadable`.
     """
-    remedy = "import the file again: another version of the software wrote it"
     counted: dict[str, tuple[RecordedFile, MeasuredRows]] = {}
     for entry in entries:
-        file = read_body(entry.record.body, RecordedFile, "observations", remedy)
+        file = _read(entry)
         if file.measured is None:
             counted.pop(file.name, None)  # the latest import stands last
             counted[file.name] = file, {}
@@ -127,11 +147,63 @@ def _counted(entries: Iterable[Entry[Finding]]) -> dict[str, tuple[RecordedFile,
     return counted
 
 
+@dataclass(frozen=True, slots=True)
+class _StatedStd:
+    """σ of an observation as one record has it."""
+
+    time: str | None
+    std_mm: float
+    file: str
+    at_utc: str
+
+
+# What is measured again has another value or time. So equal rows are one measurement, and a smaller
+# σ of it was stated when the result by the first σ was known.
+def _restated(
+    entries: Iterable[Entry[Finding]], files: Iterable[RecordedFile]
+) -> Iterator[RestatedStd]:
+    """Yield counting observations whose first record has a larger σ, by both files."""
+    counting = {_as_in_files(row) for file in files for row in file.rows}
+    first: dict[tuple[object, ...], list[_StatedStd]] = {}
+    both: dict[tuple[object, ...], tuple[_StatedStd, _StatedStd]] = {}
+    for entry in entries:
+        file = _read(entry)
+        new: list[tuple[tuple[object, ...], _StatedStd]] = []
+        for row in file.rows:
+            std_mm = round(row.std_mm, FILE_DECIMALS)  # as a file that a run fills in has it
+            key = _as_in_files(replace(row, time=None))
+            now = _StatedStd(row.time, std_mm, file.name, entry.at_utc)
+            of_one = (then for then in first.get(key, ()) if _is_one_time(then.time, row.time))
+            both[_as_in_files(row)] = next(of_one, now), now
+            new.append((key, now))
+        for key, now in new:  # rows of one file are compared with other files alone
+            first.setdefault(key, []).append(now)
+    groups: dict[tuple[str, ...], list[tuple[_StatedStd, _StatedStd]]] = {}
+    for key, (then, now) in both.items():
+        if key in counting and then.std_mm > now.std_mm:
+            group = (now.file, now.at_utc, then.file, then.at_utc)
+            groups.setdefault(group, []).append((then, now))
+    for (name, at_utc, earlier, earlier_utc), pairs in groups.items():
+        then, now = max(pairs, key=lambda pair: pair[0].std_mm / pair[1].std_mm)
+        yield RestatedStd(name, at_utc, earlier, earlier_utc, len(pairs), then.std_mm, now.std_mm)
+
+
+def _is_one_time(first: str | None, second: str | None) -> bool:
+    """Return whether two times may be of one measurement: they are equal, or one is not stated."""
+    return not first or not second or first == second
+
+
 def append_measured(
     journal: Journal, name: str, planned: PlannedRow, measured: ObservationRow
 ) -> None:
     """Write the measurement of a file's planned row into the journal, durably."""
     _append(journal, RecordedFile(name, "", (measured,), planned))
+
+
+def _read(entry: Entry[Finding]) -> RecordedFile:
+    """Return a record of observations; raise `FindingUnreadable`."""
+    remedy = "import the file again: another version of the software wrote it"
+    return read_body(entry.record.body, RecordedFile, "observations", remedy)
 
 
 def append_observations(

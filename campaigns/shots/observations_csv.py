@@ -3,7 +3,8 @@
 A row is an observation at one pose of the robot: its kind, the object that was measured (a name of
 `objects` in campaign.yaml), the joints, the kind's values and their σ. A distance is between two
 poses: two rows with one label in the column `pair`, and its value in either. A row without a value
-is planned: it is measured, and its value filled in. No σ is assumed, so that each row states one.
+is planned: it is measured, and its value filled in. No σ is assumed, so that each row states one,
+and may say where it has it from: a verdict that rests on a usual σ is no certificate.
 """
 
 import re
@@ -32,6 +33,8 @@ from drivers.bounded_files import CSV_BYTES, FileRefused, codec_of, read_bounded
 
 FILE_NAME = "observations.csv"
 KIND, OBJECT, STD, PAIR, SESSION = "kind", "object", "std_mm", "pair", "session"
+STD_SOURCE, DEFAULT = "std_source", "default"
+"""Column for the source of σ, and its word for what is usual of such instruments."""
 SETS = (ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
 """Sets of observations: fitted, and held out."""
 
@@ -62,6 +65,8 @@ class ObservationRow:
     """Line of the file it was read from, of two the later one; 0 if it is from none."""
     file: str = ""
     """Name of that file."""
+    std_source: str | None = None
+    """Source of σ as the file states it; None: not recorded by the software of that time."""
 
     @property
     def place(self) -> str:
@@ -72,6 +77,26 @@ class ObservationRow:
     def is_planned(self) -> bool:
         """Whether it still has to be measured."""
         return not self.values
+
+    @property
+    def std_source_in_words(self) -> str:
+        """The source of σ."""
+        if self.std_source is None:
+            return "not recorded by the software of that time"
+        usual = {"": "the file's own figures", DEFAULT: "default: usual of such instruments"}
+        return usual.get(self.std_source, self.std_source)
+
+
+def default_in_words(rows: Collection[ObservationRow]) -> str:
+    """Return that some rows have a usual σ, and what to do about it; "" if none has."""
+    count = sum(row.std_source == DEFAULT for row in rows)
+    if not count:
+        return ""
+    return (
+        f"σ of {count} of {len(rows)} observations is what is usual, by which no certificate is "
+        f"issued: before they are measured or imported, write that of your instrument into {STD}, "
+        f"and its data sheet with who took it from there into {STD_SOURCE}"
+    )
 
 
 def holds_observations(path: Path) -> bool:
@@ -156,6 +181,7 @@ def _form(mechanism: Mechanism) -> CsvForm:
             *columns.columns_of(mechanism.joints),
             *((angle_column if name in TURNS_DEG else number_column)(name) for name in measured),
             number_column(STD, required=True),
+            CsvColumn(STD_SOURCE),
             CsvColumn(PAIR),
             CsvColumn("set"),
             CsvColumn("time"),
@@ -231,6 +257,7 @@ def _observation_of(rows: Sequence[CsvRow], mechanism: Mechanism) -> Observation
         joints=tuple(row.values(columns.axis_columns(mechanism.joints)) for row in rows),
         values=values.pop() if values else (),
         std_mm=_std_of([*filled, *rows][0]),
+        std_source=[*filled, *rows][0].text(STD_SOURCE),
         purpose=sets.pop(),
         pair=last.text(PAIR),
         time=next((row.text("time") for row in reversed(rows) if row.text("time")), None),
@@ -279,6 +306,7 @@ def _lines_of(row: ObservationRow, mechanism: Mechanism) -> Iterator[dict[str, o
             **dict(zip(names, joints, strict=True)),
             **dict(zip(KINDS[row.kind].columns, values, strict=bool(values))),
             STD: row.std_mm,
+            STD_SOURCE: row.std_source,
             PAIR: row.pair,
             "set": "" if row.purpose is ShotSet.IDENTIFICATION else row.purpose.value,
             "time": row.time,

@@ -11,7 +11,7 @@ import numpy as np
 from campaigns.errors import ShotsInvalid, ShotsMissing
 from campaigns.kinematics.model import Kinematics
 from campaigns.robots.printer_config import PRINTER, PrinterConfig, SavedKind
-from campaigns.shots.observations_csv import ObservationRow
+from campaigns.shots.observations_csv import DEFAULT, ObservationRow
 from campaigns.shots.shot_sets import ShotSet
 
 BED, PART = "bed", "part"
@@ -75,6 +75,7 @@ def _rows(printer: PrinterConfig) -> Iterator[ObservationRow]:
             joints=saved.joints_mm,
             values=(saved.value_mm,),
             std_mm=STD_MM[saved.kind],
+            std_source=DEFAULT,
             purpose=ShotSet.VALIDATION if held_out else ShotSet.IDENTIFICATION,
             pair=str(saved.number) if is_distance else "",
             line=saved.line,

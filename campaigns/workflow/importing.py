@@ -45,7 +45,7 @@ from campaigns.shots.observation_records import (
     recorded_observations,
     refuse_copied_observations,
 )
-from campaigns.shots.observations_csv import ObservationRow, require_measured
+from campaigns.shots.observations_csv import ObservationRow, default_in_words, require_measured
 from campaigns.shots.point_words import LengthUnit
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_rows
@@ -128,6 +128,8 @@ def import_observations(
     """
     name, file = terms.name, next(iter(terms.files), ImportedFile(terms.name, ""))
     require_measured(rows, name)
+    if by_default := default_in_words(rows):
+        terms.tell(f"{name}: {by_default}")
     if not terms.anyway and (objection := replaced_observations(campaign, file.name)):
         raise objection
     others = [each for each in _observations(campaign).files if each.name != file.name]
@@ -414,7 +416,14 @@ def _check(
     if averaged := averaged_in_words(shots, nominal.mechanism.joints):
         terms.tell(f"{name}: {averaged}")
     has_none = np.isnan(shots.stated_covariance_mm2).any(axis=(1, 2))
-    if has_none.any() and StatedInstrument.of(campaign.config.tracker).source == "default":
+    stated = StatedInstrument.of(campaign.config.tracker)
+    if campaign.config.certificate.is_asked and stated.of_all.source == "default":
+        terms.tell(
+            f"{name}: U rests on default limits of what all shots have in common, by which no "
+            "certificate is issued; state tracker.common with data_sheet and typed_by in "
+            "campaign.yaml before you import"
+        )
+    if has_none.any() and stated.of_shot.source == "default":
         terms.tell(
             f"{name}: {has_none.sum()} points have no uncertainty of their own: U rests on default "
             "limits, by which no certificate is issued; state tracker.uncertainty with data_sheet "

@@ -31,9 +31,11 @@ from campaigns.planning.optimal_plan import candidates
 from campaigns.planning.plan_check import REFLECTOR_MOVE_S
 from campaigns.planning.plan_file import PlannedShot, move_aside
 from campaigns.planning.plans import joints_of, pairs_of, poses_of
-from campaigns.shots.observations_csv import FILE_NAME, ObservationRow, write_observations
+from campaigns.settings.instrument import StatedInstrument
+from campaigns.shots.observations_csv import DEFAULT, FILE_NAME, ObservationRow, write_observations
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.observation_candidates import (
+    USUAL,
     WITHOUT_LENGTH,
     Cell,
     Wish,
@@ -295,7 +297,10 @@ def _rows_of(
     rows = np.concatenate([chosen, held_out])
     start = kinematics.inverse(campaign.centre[None]).values_or_raise()[0]
     ordered = _tour(kinematics.comparable(joints[rows]), kinematics.comparable(start))
-    std_mm = float(np.max(np.asarray(measured.std_mm)))
+    std_mm, std_source = float(np.max(np.asarray(measured.std_mm))), DEFAULT
+    limits = StatedInstrument.of(campaign.config.tracker).of_shot
+    if measured.kind not in USUAL and limits.source == "data sheet":
+        std_source = limits.source_in_words
     is_pair = joints.shape[1] > 1
     return [
         ObservationRow(
@@ -304,6 +309,7 @@ def _rows_of(
             joints=tuple(tuple(pose) for pose in joints[rows[place]].tolist()),
             values=(),
             std_mm=round(std_mm, 6),
+            std_source=std_source,
             purpose=ShotSet.VALIDATION if place >= len(chosen) else ShotSet.IDENTIFICATION,
             pair=str(number) if is_pair else "",
         )

@@ -71,6 +71,10 @@ def test_observations_alone_are_written_without_values_and_the_older_file_is_kep
         campaign.path("observations.csv"), campaign.robot.mechanism, ("bed", "part")
     )
     assert all(row.is_planned for row in rows)
+    assert {(row.object, row.std_mm, row.std_source) for row in rows} == {
+        ("bed", 0.01, "default"),
+        ("part", 0.03, "default"),
+    }
     held_out = [row.object for row in rows if row.purpose is ShotSet.VALIDATION]
     assert (held_out.count("bed"), held_out.count("part")) == (6, 3)
     assert {len(row.joints) for row in rows if row.object == "part"} == {2}

@@ -120,6 +120,35 @@ def test_a_file_counts_until_another_of_its_name_takes_its_place(pkmcal, cell):
     assert status["observations"] == [{"name": "heights.csv", "objects": {"bed": 10}}]
 
 
+def test_a_std_lowered_after_the_measurement_passes_nothing_and_gives_no_certificate(pkmcal, cell):
+    assert pkmcal("set", "cell", "certificate.number=C-1").code == 0
+    path, rows = cell.parent / "heights.csv", rows_of(Printer(3).heights(PLACES))
+    rows = [replace(row, std_source="default") for row in rows]
+    observe(path, rows)
+    assert "by which no certificate is issued" in pkmcal("import", "cell", "heights.csv").err
+    assert pkmcal("identify", "cell", "--hold-out", "20%", "--for", "flat").code == 0
+    first = pkmcal("report", "cell", "--json").document
+    (missing,) = [text for text in first["missing"] if "lacks" in text]
+    assert f"σ of {len(rows)} of {len(rows)} observations is what is usual" in missing
+    assert not any("stated of the measurement first" in reason for reason in first["reasons"])
+    text = path.read_text()
+    path.write_text(text.replace(",0.01,default", ',0.002,"Acme 9, typed by A. Bee"'))
+    assert path.read_text() != text
+    assert pkmcal("import", "cell", "heights.csv", "--force").code == 0
+    said = pkmcal("identify", "cell", "--hold-out", "20%", "--for", "flat")
+    assert "is not what was stated of the measurement first" in said.out + said.err
+    again = pkmcal("report", "cell", "--json").document
+    assert again["decision"] != "pass"
+    (reason,) = [text for text in again["reasons"] if "stated of the measurement" in text]
+    assert "σ 0.002 mm where heights.csv of 20" in reason
+    assert "has 0.01 mm" in reason
+    (missing,) = [text for text in again["missing"] if "lacks" in text]
+    assert "0.002 mm where" in missing
+    page = (cell / "report.html").read_text()
+    assert "Acme 9, typed by A. Bee" in page
+    assert "<title>Calibration report" in page
+
+
 def test_a_result_is_out_of_date_once_observations_or_objects_change(pkmcal, cell):
     observe(cell.parent / "heights.csv", rows_of(Printer(4).heights(PLACES)))
     for command in (

@@ -24,7 +24,12 @@ from campaigns.planning.plan_file import PlannedShot, plan_digest, write_plan
 from campaigns.planning.validation_plan import ISO_POSES
 from campaigns.robots.robot import find_robot, pose_of, write_new_robot
 from campaigns.settings.config import CampaignConfig, write_new_campaign
-from campaigns.settings.sections import AcceptanceConfig, ControllerConfig, TrackerConfig
+from campaigns.settings.sections import (
+    AcceptanceConfig,
+    ControllerConfig,
+    TrackerCommonConfig,
+    TrackerConfig,
+)
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import shots_of_journal
 from campaigns.workflow.exporting import issuer_of
@@ -207,13 +212,19 @@ class PaperCampaign:
 
 
 def new_campaign(
-    folder: Path, *, acceptance: AcceptanceConfig | None = None, **settings: object
+    folder: Path,
+    *,
+    acceptance: AcceptanceConfig | None = None,
+    common: TrackerCommonConfig | None = None,
+    **settings: object,
 ) -> PaperCampaign:
     """A campaign on real devices, as its settings say."""
     config = CampaignConfig(
         name="paper",
         controller=ControllerConfig(url="tcp://127.0.0.1:1"),
-        tracker=TrackerConfig(url="tcp://127.0.0.1:2", reflector="CCR-1.5in"),
+        tracker=TrackerConfig(
+            url="tcp://127.0.0.1:2", reflector="CCR-1.5in", common=common or TrackerCommonConfig()
+        ),
         acceptance=acceptance or AcceptanceConfig(),
         **settings,
     )

@@ -21,6 +21,7 @@ from campaigns.settings.sections import (
     InstrumentsConfig,
     PeopleConfig,
     TrackerCertificateConfig,
+    TrackerCommonConfig,
 )
 from campaigns.shots.shot_sets import ShotSet
 
@@ -76,7 +77,9 @@ def test_the_page_is_a_certificate_once_nothing_lacks(tmp_path) -> None:
         certificate=WHOLE,
         people=PeopleConfig(operator="A. Bee", site="Hall 3"),
         instruments=InstrumentsConfig(robot_serial="P4-7"),
+        common=TrackerCommonConfig(data_sheet="Acme 4", typed_by="A. Bee"),
     )
+    paper.records_settings = True
     before = page(paper)
     assert "<title>Calibration report" in before.html
     assert "As a calibration certificate this report lacks" in before.missing[-1]

@@ -9,6 +9,7 @@ import pytest
 from changed_results import with_fields
 
 from campaigns import evidence
+from campaigns.evaluation import stated_sources
 from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.evaluation.verdict import (
     Check,
@@ -120,8 +121,9 @@ def test_a_campaigns_verdict_rests_on_its_own_identification(evaluation):
 
 
 def statements():
-    """Texts that `campaigns/evidence.py` makes checks of; what it fills in stands as …."""
-    for node in ast.walk(ast.parse(inspect.getsource(evidence))):
+    """Texts that checks are made of; what is filled in stands as …."""
+    source = inspect.getsource(evidence) + inspect.getsource(stated_sources)
+    for node in ast.walk(ast.parse(source)):
         text = None
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "statement":
             text = node.value

@@ -9,11 +9,13 @@ import pytest
 from campaigns.campaign import now_utc
 from campaigns.errors import FindingUnreadable, ObservationsInvalid
 from campaigns.journal.journal import open_journal, read_journal
-from campaigns.journal.records import Finding
+from campaigns.journal.records import Finding, adapter_of
 from campaigns.shots.import_export import ImportedFile
 from campaigns.shots.observation_records import (
     NO_OBSERVATIONS,
+    PlannedRow,
     RecordedFile,
+    append_measured,
     append_observations,
     recorded_observations,
     refuse_copied_observations,
@@ -55,6 +57,53 @@ def test_of_each_file_name_the_latest_counts(tmp_path):
     ]
     assert observations.rows == (WIDTH, HEIGHT, HEIGHT)
     assert (observations.latest, observations.record) == ("h.csv", 3)
+
+
+@pytest.mark.parametrize(
+    ("changed", "is_named"),
+    [
+        ({"std_mm": 0.002}, True),
+        ({"std_mm": 0.002, "std_source": "Acme 9, typed by A. Bee"}, True),
+        ({"std_mm": 0.002, "time": None}, True),
+        ({"std_mm": 0.05}, False),
+        ({"std_mm": 0.002, "time": "2026-11-22T09:00:00Z"}, False),
+        ({"std_mm": 0.002, "values": (60.01,)}, False),
+    ],
+)
+@pytest.mark.parametrize("name", ["w.csv", "again.csv"])
+def test_a_smaller_std_of_the_same_measurement_is_named(tmp_path, name, changed, is_named):
+    with opened(tmp_path / "campaign.db") as journal:
+        append_observations(journal, [WIDTH, HEIGHT], ImportedFile("w.csv", "1"))
+        again = [replace(WIDTH, **changed), HEIGHT]
+        append_observations(journal, again, ImportedFile(name, "2"))
+        restated = recorded_observations(journal).restated
+        assert [(each.file, each.earlier, each.count) for each in restated] == (
+            [(name, "w.csv", 1)] if is_named else []
+        )
+        assert all((each.then_mm, each.now_mm) == (0.05, 0.002) for each in restated)
+        append_observations(journal, [WIDTH, HEIGHT], ImportedFile(name, "3"))
+        assert not recorded_observations(journal).restated, "what was stated first counts"
+
+
+def test_what_a_run_measured_keeps_the_std_that_it_was_measured_with(tmp_path):
+    planned = PlannedRow(replace(HEIGHT, values=(), std_source="default"))
+    measured = replace(HEIGHT, std_source="default", time="2026-11-21T09:00:00Z")
+    with opened(tmp_path / "campaign.db") as journal:
+        append_measured(journal, "observations.csv", planned, measured)
+        lowered = replace(measured, std_mm=0.001, std_source="")
+        append_observations(journal, [lowered], ImportedFile("observations.csv", "1"))
+        (restated,) = recorded_observations(journal).restated
+    assert (restated.then_mm, restated.now_mm) == (0.01, 0.001)
+
+
+def test_rows_of_older_journals_have_no_source(tmp_path):
+    body = adapter_of(RecordedFile).dump_python(RecordedFile("h.csv", "1", (HEIGHT,)), mode="json")
+    assert body["rows"][0].pop("std_source", "") is None
+    with opened(tmp_path / "campaign.db") as journal:
+        journal.append(Finding("observations", body))
+        (row,) = recorded_observations(journal).rows
+    assert row == HEIGHT
+    assert row.std_source_in_words == "not recorded by the software of that time"
 
 
 @pytest.mark.parametrize("name", ["journal-v1.db", "journal-v2.db"])

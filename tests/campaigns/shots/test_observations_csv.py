@@ -10,6 +10,7 @@ from campaigns.errors import ShotsInvalid
 from campaigns.fit.kinds import KINDS
 from campaigns.shots.observations_csv import (
     ObservationRow,
+    default_in_words,
     observations_text,
     parse_observations,
     require_measured,
@@ -45,6 +46,7 @@ def rows(draw):
         purpose=draw(st.sampled_from([ShotSet.IDENTIFICATION, ShotSet.VALIDATION])),
         session=draw(st.integers(0, 3)),
         time=draw(st.sampled_from([None, "2026-11-21T09:00:00Z"])),
+        std_source=draw(st.sampled_from(["", "default", "Acme 9, typed by A. Bee"])),
     )
 
 
@@ -58,6 +60,25 @@ def test_what_is_written_is_read_again(written):
         changed = {"line": line, "pair": label, "file": "o.csv"}
         expected.append(ObservationRow(**{**_fields(row), **changed}))
     assert list(parsed(observations_text(expected, MECHANISM))) == expected
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        (None, "the file's own figures"),
+        ("", "the file's own figures"),
+        ("default", "default: usual of such instruments"),
+        ("Acme 9, typed by A. Bee", "Acme 9, typed by A. Bee"),
+    ],
+)
+def test_each_row_says_where_its_std_is_from(stated, words):
+    """None: the file is older, and has no such column."""
+    column = "" if stated is None else "std_source,"
+    value = "" if stated is None else f'"{stated}",'
+    head = HEAD.replace("std_mm,", f"std_mm,{column}")
+    (row,) = parsed(f"{head}height,bed,1,2,3,0.5,0.01,{value},,,\n")
+    assert row.std_source_in_words == words
+    assert bool(default_in_words([row])) is (stated == "default")
 
 
 def test_planned_rows_keep_an_empty_column_for_their_values():
