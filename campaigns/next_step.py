@@ -31,7 +31,7 @@ from campaigns.journal.records import Event
 from campaigns.journal.views import Series
 from campaigns.kinematics.parameters import Parameters
 from campaigns.measuring.monitors import WRONG_PLACE
-from campaigns.planning.plan_file import plan_difference
+from campaigns.planning.plan_file import plan_difference, series_by_plan
 from campaigns.shots.import_export import imported_files
 from campaigns.shots.observations_csv import FILE_NAME as OBSERVATIONS
 from drivers.texts import quoted
@@ -97,6 +97,8 @@ class CampaignState:
     """Whether observations are planned alone, without shots, and still have no values."""
     plan_options: tuple[str, ...] = ()
     """Options that plan.csv was made with, as words."""
+    plan_measured: bool = False
+    """Whether anything was measured by plan.csv."""
     misplaced: str = ""
     """Place where the shots found the tracker, in words; empty if campaign.yaml agrees."""
     before: bool = False
@@ -292,7 +294,7 @@ def next_step(state: CampaignState) -> NextStep | None:
     if state.measured == "run":
         again = "run {folder} --anew"
     file = "" if state.file == FILE_NAME else quoted(f"{state.folder}/{state.file}")
-    options = (*state.plan_options, *(["--force"] if state.measured == "run" else []))
+    options = (*state.plan_options, *(["--force"] if state.plan_measured else []))
     words = {
         "folder": folder,
         "plan_options": f" {shlex.join(options)}" if options else "",
@@ -335,6 +337,7 @@ def state_of(
         planned=bool(runs) or evidence.plan is not None,
         to_observe=evidence.plans_observations and not evidence.plan,
         plan_options=evidence.plan_options,
+        plan_measured=series_by_plan(evidence.plan or (), series) is not None,
         misplaced=_misplaced(evidence),
         objects=bool(campaign.config.objects),
         before=any(measured.series.finished for measured in evidence.before),

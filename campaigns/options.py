@@ -99,7 +99,7 @@ class PlanOptions:
     seed: Annotated[int | None, Option("Another seed than campaign.yaml's.", "N", least=0)] = None
     force: Annotated[
         bool,
-        Option("Plan anew although shots of plan.csv are measured; the old plan is kept beside."),
+        Option("Plan anew although something is measured by the plan; the old one is kept beside."),
     ] = False
 
     def __post_init__(self) -> None:

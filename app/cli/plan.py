@@ -37,6 +37,8 @@ class ObservationsAnswer:
     """What ten more of each object would gain in the quantity; the most per minute first."""
     path: Path | None
     """Where they are written; None: none is asked for."""
+    older: Path | None
+    """Where the file before is kept; None without one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,7 +97,7 @@ def command(
 
     Predicts, before anything moves, the uncertainty of positions and parameters. Defaults: `plan`
     in campaign.yaml. You may edit plan.csv: every command checks it again. An older plan.csv is
-    kept under another name; one whose shots are measured is replaced only with --force.
+    kept under another name; one by which anything was measured is replaced only with --force.
 
     --program csv writes the plan as a table of poses and joints, along safe paths, for a controller
     that is not connected.
@@ -122,7 +124,7 @@ def command(
             )
         observations = plan_without_shots(campaign, options)
         show_observations(terminal, observations)
-        terminal.say(f"written: {observations.path}")
+        _tell_written(terminal, observations)
         terminal.conclude(observations_answer(observations), tell_next(terminal, campaign))
         return
     with terminal.telling("reading the campaign") as now_at:
@@ -131,10 +133,9 @@ def command(
     show(terminal, campaign, planned, until_mm)
     terminal.say(f"written: {campaign.plan_path}")
     if planned.older is not None:
-        back = shlex.join(["mv", str(planned.older), str(campaign.plan_path)])
-        terminal.say(f"the plan before is kept; to go back to it: {back}")
-    if planned.observations is not None and planned.observations.path is not None:
-        terminal.say(f"written: {planned.observations.path}")
+        _tell_way_back(terminal, "plan", planned.older, campaign.plan_path)
+    if planned.observations is not None:
+        _tell_written(terminal, planned.observations)
     if plot is not None:
         from app.report.plots import plot_plan  # with matplotlib
 
@@ -143,6 +144,20 @@ def command(
     written = _write_programs(terminal, campaign, programs) if programs.program else ()
     answer = plan_answer(campaign, planned, until_mm, written)
     terminal.conclude(answer, tell_next(terminal, campaign))
+
+
+def _tell_written(terminal: Terminal, observations: PlannedObservations) -> None:
+    """Print where planned observations are written, and how to go back to those before."""
+    if observations.path is None:
+        return
+    terminal.say(f"written: {observations.path}")
+    if observations.older is not None:
+        _tell_way_back(terminal, "file", observations.older, observations.path)
+
+
+def _tell_way_back(terminal: Terminal, what: str, older: Path, path: Path) -> None:
+    back = shlex.join(["mv", str(older), str(path)])
+    terminal.say(f"the {what} before is kept; to go back to it: {back}")
 
 
 def _write_programs(
@@ -172,6 +187,7 @@ def observations_answer(planned: PlannedObservations) -> ObservationsAnswer:
         quantity=planned.quantity,
         gains=planned.gains,
         path=planned.path,
+        older=planned.older,
     )
 
 

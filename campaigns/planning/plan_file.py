@@ -20,6 +20,7 @@ from campaigns.errors import CampaignError, PlanInvalid, WriteFailed
 from campaigns.files.csv_file import CsvColumn, CsvForm, CsvRow, parse_csv, whole_column
 from campaigns.files.text_file import read_text, replace_text
 from campaigns.journal.records import Intent
+from campaigns.journal.views import Series
 from campaigns.kinematics.mechanism import Mechanism
 from campaigns.robots.robot import pose_of
 from campaigns.shots import columns
@@ -35,6 +36,8 @@ FORMER_COLUMNS = ("asked", "model")
 REMEDY = "make one with `pkmcal plan DIR`"
 SAME_POSE_MM, SAME_POSE_RAD = 1e-3, 1e-5
 """Largest differences of equal poses: rounding in files is far below, an edited pose far above."""
+OF_PLAN = frozenset({ShotSet.VALIDATION.value, ShotSet.CHECK.value})
+"""Sets of validations and checks whose poses are those of the plan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,6 +185,31 @@ def plan_difference(measured: Iterable[Intent], planned: Sequence[PlannedShot]) 
         if not _is_same_pose(intent, row):
             return f"shot {intent.shot} was measured at another pose than plan.csv has now"
     return ""
+
+
+def series_by_plan(plan: Sequence[PlannedShot], all_series: Iterable[Series]) -> Series | None:
+    """Return the latest series whose shots were, or may have been, measured by a plan; else None.
+
+    Those are a run of the plan, a validation or check at its poses, and any import: its file does
+    not say by which plan it was measured.
+    """
+    by_plan = (each for each in all_series if each.shots and _is_by_plan(each, plan))
+    return max(by_plan, key=lambda series: series.number, default=None)
+
+
+def _is_by_plan(series: Series, plan: Sequence[PlannedShot]) -> bool:
+    intents = [shot.intent for shot in series.shots]
+    if series.started.imported:
+        return True
+    if series.started.stage == "run":
+        return not plan_difference(intents, plan)
+    places = {_place(row.pose) for row in plan}
+    return any(_place(i.target) in places for i in intents if i.purpose in OF_PLAN)
+
+
+def _place(pose: Pose) -> tuple[float, ...]:
+    """Return a pose's place to 0.01 mm."""
+    return tuple(round(value, 2) for value in pose.coordinates[:3])
 
 
 def _is_same_pose(intent: Intent, row: PlannedShot) -> bool:

@@ -79,6 +79,8 @@ class PlannedObservations:
     """Whether anything planned has a length, by which the size of a robot is determined."""
     path: Path | None
     """Where the rows are written; None: there are none."""
+    older: Path | None = None
+    """Path under which the file before is kept; None without one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,15 +146,17 @@ def plan_observations(
     return observations, expected
 
 
-def write_planned(campaign: Campaign, observations: PlannedObservations) -> None:
+def write_planned(campaign: Campaign, observations: PlannedObservations) -> PlannedObservations:
     """Write observations.csv without values; an older one is kept as `observations-older-N.csv`.
 
-    Raise `WriteFailed`. The caller holds the campaign.
+    Return the observations with the older file's path. Raise `WriteFailed`. The caller holds the
+    campaign.
     """
     if observations.path is None:
-        return
-    move_aside(observations.path)
+        return observations
+    older = move_aside(observations.path)
     write_observations(observations.path, observations.rows, campaign.robot.mechanism)
+    return replace(observations, older=older)
 
 
 def _wishes(campaign: Campaign, texts: Sequence[str]) -> list[Wish]:

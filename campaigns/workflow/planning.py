@@ -32,10 +32,12 @@ from campaigns.options import PlanOptions
 from campaigns.planning.forecast import Forecast, forecast, judged_both
 from campaigns.planning.optimal_plan import MOST_SHOTS, OptimalRequest, make_optimal_plan
 from campaigns.planning.plan_check import CheckedPlan, seconds_of_visits
-from campaigns.planning.plan_file import PlannedShot, plan_difference, write_beside_older
+from campaigns.planning.plan_file import PlannedShot, series_by_plan, write_beside_older
 from campaigns.planning.plans import Placement, in_turn, make_plan, pairs_of, poses_of, with_nests
 from campaigns.planning.validation_plan import SHORTEST_PART, fitting_lines
 from campaigns.settings.option import typed_words
+from campaigns.shots.observation_records import recorded_observations
+from campaigns.shots.observations_csv import FILE_NAME as OBSERVATIONS
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.identification import identification_options
 from campaigns.workflow.observation_plan import (
@@ -107,6 +109,8 @@ def plan(
     options = options or PlanOptions()
     if not options.force and (objection := replaced_plan(campaign)):
         raise objection
+    if options.observe:
+        _require_observations_unmeasured(campaign, options)
     planned = _make_and_check(campaign, options, tell)
     with campaign.held():
         shots, mechanism = planned.checked.shots, campaign.robot.mechanism
@@ -114,29 +118,52 @@ def plan(
         older = write_beside_older(campaign.plan_path, shots, mechanism, words)
         planned = replace(planned, older=older)
         if planned.observations is not None:
-            write_planned(campaign, planned.observations)
+            written = write_planned(campaign, planned.observations)
+            planned = replace(planned, observations=written)
     return planned
 
 
 def replaced_plan(campaign: Campaign) -> OptionsInvalid | None:
     """Return the objection to a plan in the place of one that was measured; None without one."""
     # What was identified from the shots of a plan rests on this plan: with another plan.csv its
-    # verdict is open again, and the next run would measure with the parameters loaded by then.
-    measured = [each for each in all_series(campaign) if each.started.stage == "run" and each.shots]
-    if not (measured and campaign.plan_path.exists()):
+    # verdict is open again, and the next run would measure with the parameters loaded by then. A
+    # validation before calibration would be at other poses than the one after it.
+    if not campaign.plan_path.exists():
         return None
     try:
         plan = campaign.read_plan()
     except PlanInvalid:
         return None
-    intents = [shot.intent for shot in measured[-1].shots]
-    if plan_difference(intents, plan):
+    series = series_by_plan(plan, all_series(campaign))
+    if series is None:
         return None
+    count, started = len(series.shots), series.started
+    measured = f"is the plan of series {series.number}, {count} shots of which are measured"
+    if started.imported:
+        measured = f"may be the plan of series {series.number}, {count} shots that were imported"
+    of_stage = "" if started.stage in {"run", "import"} else f" (stage {started.stage})"
     return OptionsInvalid(
-        f"{campaign.plan_path} is the plan of series {measured[-1].number}, {len(intents)} shots "
-        "of which are measured: with another plan its results are open again",
+        f"{campaign.plan_path} {measured}{of_stage}: with another plan its results are open again",
         remedy="make a campaign of its own with `pkmcal new`; --force plans anew and keeps this "
         "plan beside it",
+    )
+
+
+def replaced_observations_plan(campaign: Campaign) -> OptionsInvalid | None:
+    """Return the objection to an observations.csv in the place of a measured one; None without."""
+    path = campaign.path(OBSERVATIONS)
+    if not (path.exists() and campaign.journal_path.exists()):
+        return None
+    with campaign.journal_reader() as journal:
+        files = recorded_observations(journal).files
+    measured = next((file for file in files if file.name == OBSERVATIONS), None)
+    if measured is None:
+        return None
+    return OptionsInvalid(
+        f"{path} is the plan of observations that are measured or imported, {len(measured.rows)} "
+        "by now: with another one their results are open again",
+        remedy="make a campaign of its own with `pkmcal new`; --force plans anew and keeps this "
+        "file beside it",
     )
 
 
@@ -145,6 +172,7 @@ def plan_without_shots(campaign: Campaign, options: PlanOptions) -> PlannedObser
 
     Raise `OptionsInvalid`, `PlanInvalid` and `WriteFailed` as `plan` does.
     """
+    _require_observations_unmeasured(campaign, options)
     observations, _ = plan_observations(
         campaign,
         options.observe,
@@ -153,8 +181,13 @@ def plan_without_shots(campaign: Campaign, options: PlanOptions) -> PlannedObser
         _rng_of_observations(campaign, options),
     )
     with campaign.held():
-        write_planned(campaign, observations)
-    return observations
+        return write_planned(campaign, observations)
+
+
+def _require_observations_unmeasured(campaign: Campaign, options: PlanOptions) -> None:
+    """Raise `OptionsInvalid` if a measured observations.csv would be replaced without consent."""
+    if not options.force and (objection := replaced_observations_plan(campaign)):
+        raise objection
 
 
 def planned_model(campaign: Campaign, fix: tuple[str, ...] = ()) -> ErrorModel:

@@ -19,9 +19,11 @@ from campaigns.next_step import next_step, state_of
 from campaigns.options import PlanOptions
 from campaigns.planning import optimal_plan
 from campaigns.planning.forecast import Forecast
-from campaigns.planning.plan_file import plan_digest
+from campaigns.planning.plan_file import plan_digest, write_plan
 from campaigns.planning.plans import Placement
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots_csv import ShotRow
+from campaigns.workflow.importing import import_shots
 from campaigns.workflow.planning import plan
 
 PLAN_KEYS = {
@@ -203,6 +205,60 @@ def test_a_measured_plan_is_replaced_only_by_force_which_says_how_to_go_back(pkm
     assert evaluate(open_campaign(paper.folder)).checks[0].holds
 
 
+def measured_by_plan(paper, how):
+    """Measure something that may rest on plan.csv, or surely does not."""
+    shots = paper.plan(6, 2)
+    write_plan(paper.campaign.plan_path, shots, MECHANISM)
+    if how in {"before", "check"}:
+        named = ShotSet.VALIDATION if how == "before" else ShotSet.CHECK
+        at_plan = [s for s in shots if s.purpose is ShotSet.VALIDATION]
+        paper.measure(how, [replace(s, shot=n, purpose=named) for n, s in enumerate(at_plan)])
+    elif how == "import":
+        joints = np.array([s.joints for s in shots[1:-1]])
+        points = paper.campaign.robot.kinematics.forward(joints).values_or_raise()[:, :3] + 300.0
+        rows = [
+            ShotRow(s.pair, s.joints, tuple(point.tolist()), s.purpose)
+            for s, point in zip(shots[1:-1], points, strict=True)
+        ]
+        import_shots(paper.campaign, rows)
+    else:
+        paper.validate("before", frozenset({ShotSet.REPEATABILITY}))
+
+
+@pytest.mark.parametrize(
+    ("how", "says"),
+    [
+        ("before", "is the plan of series 1, 4 shots of which are measured (stage before)"),
+        ("check", "is the plan of series 1, 4 shots of which are measured (stage check)"),
+        ("import", "may be the plan of series 1, 16 shots that were imported"),
+        ("repeatability", ""),
+    ],
+)
+def test_a_plan_by_which_anything_was_measured_is_replaced_only_by_force(
+    pkmcal, tmp_path, how, says
+):
+    paper = new_campaign(tmp_path / "c")
+    measured_by_plan(paper, how)
+    before = paper.campaign.plan_path.read_bytes()
+    ended = pkmcal("plan", paper.folder, "--shots", "12")
+    assert (ended.code, says in ended.err) == (2 if says else 0, True)
+    if says:
+        assert paper.campaign.plan_path.read_bytes() == before
+        ended = pkmcal("plan", paper.folder, "--shots", "12", "--force")
+    assert ended.code == 0
+    older = paper.folder / "plan-older-1.csv"
+    assert f"to go back to it: mv {older} {paper.campaign.plan_path}" in ended.err + ended.out
+    assert older.read_bytes() == before
+
+
+def test_the_hint_to_plan_anew_has_the_force_that_it_needs(tmp_path):
+    for how, forced in (("before", True), ("repeatability", False)):
+        paper = new_campaign(tmp_path / how)
+        measured_by_plan(paper, how)
+        state = replace(state_of(Evaluation(gather(paper.campaign))), misplaced="elsewhere")
+        assert next_step(state).text.endswith(" --force") is forced
+
+
 def test_a_plan_keeps_the_options_that_hints_repeat(tmp_path):
     paper = new_campaign(tmp_path / "c")
     options = PlanOptions(shots=12, fix=("arm*.x_mm",))
@@ -212,7 +268,5 @@ def test_a_plan_keeps_the_options_that_hints_repeat(tmp_path):
     assert evidence.plan_digest == digest, "options make no other plan"
     step = next_step(replace(state_of(Evaluation(evidence)), misplaced="elsewhere"))
     assert step.text == f"pkmcal plan {paper.folder} --shots 12 --fix 'arm*.x_mm'"
-    measured = replace(
-        state_of(Evaluation(evidence)), misplaced="elsewhere", measured="run", unmeasured="run"
-    )
+    measured = replace(state_of(Evaluation(evidence)), misplaced="elsewhere", plan_measured=True)
     assert next_step(measured).text.endswith("'arm*.x_mm' --force")

@@ -15,6 +15,7 @@ from campaigns.errors import OptionsInvalid, PlanInvalid
 from campaigns.options import PlanOptions
 from campaigns.planning.plan_check import REFLECTOR_MOVE_S
 from campaigns.settings.config import changed_settings
+from campaigns.shots.observation_records import PlannedRow, append_measured
 from campaigns.shots.observations_csv import read_observations
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.planning import plan, plan_without_shots
@@ -49,6 +50,32 @@ def printer_campaign(folder):
 def par4(tmp_path):
     create_simulated(tmp_path / "try", "par4-prototype", "paper-simulation")
     return tmp_path / "try"
+
+
+def test_measured_observations_are_planned_anew_only_by_force(pkmcal, printer_folder):
+    campaign = printer_campaign(printer_folder)
+    path, words = campaign.path("observations.csv"), ("--shots", "0", "--observe", "bed=6")
+    assert pkmcal("plan", printer_folder, *words).code == 0
+    planned = path.read_bytes()
+    assert pkmcal("plan", printer_folder, *words).code == 0, "nothing is measured"
+    rows = read_observations(path, campaign.robot.mechanism)
+    with campaign.journal() as journal:
+        append_measured(journal, path.name, *measured(rows[0]))
+    refused = pkmcal("plan", printer_folder, *words)
+    assert refused.code == 2
+    assert (
+        "is the plan of observations that are measured or imported, 1 by now" in refused.error_line
+    )
+    assert path.read_bytes() == planned
+    forced = pkmcal("plan", printer_folder, *words, "--force")
+    assert forced.code == 0
+    older = path.with_name("observations-older-2.csv")
+    assert f"to go back to it: mv {older} {path}" in forced.err + forced.out
+    assert older.read_bytes() == planned
+
+
+def measured(row):
+    return PlannedRow(row), replace(row, values=(0.01,))
 
 
 def test_observations_alone_are_written_without_values_and_the_older_file_is_kept(
