@@ -307,6 +307,14 @@ class Evidence:
         latest = [item.series.started for _, item in self.by_stage()][-1:]
         return now.recorded(latest[0]) if latest else now
 
+    def counted(self) -> tuple[MeasuredSeries, ...]:
+        """Return the series on which the verdict rests: in each stage of each set the latest."""
+        counted: list[MeasuredSeries] = []
+        for of_stage in (self.before, () if self.run is None else (self.run,), self.after):
+            latest = {shot.intent.purpose: item for item in of_stage for shot in item.series.shots}
+            counted += [item for item in of_stage if item in latest.values()]
+        return tuple(counted)
+
     def by_stage(self) -> tuple[tuple[str, MeasuredSeries], ...]:
         """Return the names of all series with their shots, in the order of a campaign."""
         run = () if self.run is None else (self.run,)
@@ -844,7 +852,7 @@ def checks_of_instrument(evidence: Evidence) -> Iterator[Check]:
 def sources_of(evidence: Evidence) -> SeriesSources:
     """Return the series with what their records state of the instruments."""
     return SeriesSources(
-        counted=tuple(item.series for _, item in evidence.by_stage()),
+        counted=tuple(item.series for item in evidence.counted()),
         every=evidence.journal.series if evidence.journal else (),
         mechanism=evidence.campaign.robot.mechanism,
         instrument_of=evidence.campaign.instrument_of,

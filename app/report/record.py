@@ -384,7 +384,7 @@ def _gauges(rows: Iterable[ObservationRow]) -> list[Gauge]:
 def why_unstated(evidence: Evidence) -> Iterator[str]:
     """Yield what a certificate lacks of the source of uncertainties."""
     of_shots, of_all = dict[str, list[str]](), dict[str, list[str]]()
-    for _, item in evidence.by_stage():
+    for item in evidence.counted():
         stated, number = evidence.campaign.instrument_of(item.series.started), item.series.number
         if _without_statement(item.shots):
             of_shots.setdefault(stated.of_shot.source, []).append(str(number))

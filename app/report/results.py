@@ -27,7 +27,9 @@ def limits_section(evaluation: Evaluation) -> Section:
         tables.limits("after calibration"),
         evaluation.verdict.requirements,
         "U: as stated with the decision rule. Margin: limit − e; it must not be smaller than U. "
-        "Limits: `acceptance` in campaign.yaml.",
+        "Limits: `acceptance` in campaign.yaml. The largest distance error may have a smaller U "
+        "than the mean: its U is of one pair, that of the mean is of all pairs on average, since "
+        "averaging does not reduce errors of the instrument that they have in common.",
     )
     return section
 
@@ -49,7 +51,9 @@ def gain_section(evaluation: Evaluation) -> Section:
         evaluation.gains,
         "U: of the difference, with the tracker's uncertainty and the robot's own scatter in both "
         "stages: no two visits are the same. An unknown scatter counts as 0.5 mm per axis. A "
-        "difference that is not larger than its U shows no change.",
+        "difference that is not larger than its U shows no change. Errors of the instrument that "
+        "are common to both stages cancel in the difference of means, so its U may be smaller than "
+        "that of either.",
     )
     for name, stage in (("Before", evaluation.before), ("After", evaluation.after)):
         if stage is not None and stage.series_in_words:

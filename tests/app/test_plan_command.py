@@ -214,11 +214,11 @@ def measured_by_plan(paper, how):
         at_plan = [s for s in shots if s.purpose is ShotSet.VALIDATION]
         paper.measure(how, [replace(s, shot=n, purpose=named) for n, s in enumerate(at_plan)])
     elif how == "import":
-        joints = np.array([s.joints for s in shots[1:-1]])
+        joints = np.array([s.joints for s in shots[1:-1]]) + 1e-3  # as encoders read them
         points = paper.campaign.robot.kinematics.forward(joints).values_or_raise()[:, :3] + 300.0
         rows = [
-            ShotRow(s.pair, s.joints, tuple(point.tolist()), s.purpose)
-            for s, point in zip(shots[1:-1], points, strict=True)
+            ShotRow(s.pair, tuple(q), tuple(point), s.purpose)
+            for s, q, point in zip(shots[1:-1], joints.tolist(), points.tolist(), strict=True)
         ]
         import_shots(paper.campaign, rows)
     else:

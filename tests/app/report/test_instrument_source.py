@@ -4,7 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from paper_campaign import PaperCampaign, new_campaign, whole_campaign
+from paper_campaign import (
+    NOISE_MM,
+    TRACKER_FROM_BASE,
+    TRUE,
+    PaperCampaign,
+    new_campaign,
+    validation_shots,
+    whole_campaign,
+)
 from test_certificate import WHOLE
 from test_page import page, words_of, words_on
 
@@ -14,11 +22,13 @@ from app.next import tell_source_of_u
 from app.report.record import facts
 from campaigns.campaign import open_campaign
 from campaigns.evidence import evaluate, gather, sources_of
+from campaigns.robots.robot import pose_row
 from campaigns.settings.config import changed_settings
 from campaigns.settings.sections import AcceptanceConfig, InstrumentsConfig, PeopleConfig
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow
-from campaigns.workflow.importing import ImportTerms, import_shots
+from campaigns.workflow.importing import ImportTerms, declared_set, import_shots, import_validation
+from campaigns.workflow.validation import Validated
 from drivers.texts import moment
 
 FACTS = {
@@ -94,6 +104,9 @@ def test_the_limits_that_count_stand_on_the_page_with_their_source(tmp_path):
 def test_defaults_and_limits_without_a_record_give_no_certificate(tmp_path):
     by_default = validated(tmp_path / "a", {})
     assert "U of series 1 rests on default limits (state `tracker.unc" in lacking(by_default)
+    edit(by_default, SOURCE)
+    by_default.validate("after", frozenset({ShotSet.VALIDATION, ShotSet.REPEATABILITY}))
+    assert "rests on default limits" not in lacking(by_default), "it is measured anew"
     half_stated = validated(tmp_path / "b", {"tracker.uncertainty.data_sheet": "Acme 3"})
     assert "rests on default limits" in lacking(half_stated), "nobody typed them"
     old = validated(tmp_path / "c", SOURCE, records=False)
@@ -174,6 +187,46 @@ def test_a_certificate_names_tracker_environment_and_who_authorises_it(tmp_path)
         "tracker.serial", "certificate.conditions",
     ):  # fmt: skip
         assert f"`{key}`" in lacks
+
+
+def test_a_validation_imported_again_with_less_uncertainty_does_not_pass(tmp_path):
+    limits = AcceptanceConfig(distance_mean_mm=0.045)
+    paper = whole_campaign(tmp_path / "c", acceptance=limits, **FACTS)
+    edit(paper, SOURCE)
+    held = declared_set(paper.campaign, "after", paper.folder / "robot-compensated.yaml")
+    rows = visits(paper)
+    terms = replace(ImportTerms(), anyway=True)
+    first = import_validation(paper.campaign, rows, "after", held, terms)
+    assert first.campaign_verdict.decision == first.verdict.decision == "not decided"
+    again = import_validation(paper.campaign, stating(rows, 0.002), "after", held, terms)
+    assert again.verdict.decision == "pass", "by its figures alone"
+    assert again.campaign_verdict.decision == "not decided"
+    assert broken(again) == [
+        "the uncertainty of series 5 is what was stated of the measurement first"
+    ]
+    assert CERTIFICATE not in page(paper).html
+    third = import_validation(paper.campaign, rows, "after", held, terms)
+    assert broken(third) == [], "what was stated first counts"
+
+
+def broken(validated: Validated) -> list[str]:
+    """Statements that keep the verdict from a pass."""
+    checks = validated.evaluation.checks
+    return [check.statement for check in checks if check.decides and check.holds is False]
+
+
+def visits(paper: PaperCampaign) -> list[ShotRow]:
+    """Pairs, and visits of one pose, by the robot as it is, measured elsewhere."""
+    tests = {ShotSet.REPEATABILITY, ShotSet.VALIDATION}
+    shots = [shot for shot in validation_shots(paper.rng) if shot.purpose in tests]
+    poses = np.array([pose_row(shot.pose) for shot in shots])
+    joints = paper.controller.inverse(poses).values_or_raise()
+    points = TRACKER_FROM_BASE.apply(TRUE.forward(joints).values_or_raise()[:, :3])
+    points += paper.rng.normal(0.0, NOISE_MM, points.shape)
+    return [
+        ShotRow(shot.pair, tuple(q), tuple(point), shot.purpose)
+        for shot, q, point in zip(shots, joints.tolist(), points.tolist(), strict=True)
+    ]
 
 
 def test_the_tracker_that_was_recorded_stands_on_the_page_and_a_change_is_named(tmp_path):
