@@ -343,7 +343,9 @@ def _tracker_row(evidence: Evidence, name: str, item: MeasuredSeries) -> Tracker
 def points_source(evidence: Evidence) -> str:
     """Return a sentence on the source of the validated points' uncertainty; "" without points."""
     sources = dict[str, None]()  # in their order, each once
-    for item in (*evidence.before, *evidence.after):
+    for item in evidence.counted():
+        if item is evidence.run:
+            continue
         count, shots = _without_statement(item.shots), len(item.shots)
         if count:
             stated = evidence.campaign.instrument_of(item.series.started)
