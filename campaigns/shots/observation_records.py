@@ -113,11 +113,13 @@ def recorded_observations(journal: JournalReader) -> RecordedObservations:
     entries = journal.findings("observations")
     if not entries:
         return NO_OBSERVATIONS
+    records = [_read(entry) for entry in entries]
     files = tuple(
         replace(imported, rows=(*imported.rows, *measured.values()))
-        for imported, measured in _counted(entries).values()
+        for imported, measured in _counted(records).values()
     )
-    restated = tuple(_restated(entries, files))
+    times = [entry.at_utc for entry in entries]
+    restated = tuple(_restated(zip(times, records, strict=True), files))
     return RecordedObservations(files, entries[-1].number, entries[-1].at_utc, restated)
 
 
@@ -126,18 +128,14 @@ def measured_rows(journal: JournalReader, name: str) -> MeasuredRows:
 
     By the keys of their planned rows; raise `FindingUnreadable`.
     """
-    counted = _counted(journal.findings("observations"))
+    counted = _counted(map(_read, journal.findings("observations")))
     return counted[name][1] if name in counted else {}
 
 
-def _counted(entries: Iterable[Entry[Finding]]) -> dict[str, tuple[RecordedFile, MeasuredRows]]:
-    """Return by name the latest import of each file and what was measured of its rows since.
-
-    Raise `FindingUnreadable`.
-    """
+def _counted(records: Iterable[RecordedFile]) -> dict[str, tuple[RecordedFile, MeasuredRows]]:
+    """Return by name the latest import of each file and what was measured of its rows since."""
     counted: dict[str, tuple[RecordedFile, MeasuredRows]] = {}
-    for entry in entries:
-        file = _read(entry)
+    for file in records:
         if file.measured is None:
             counted.pop(file.name, None)  # the latest import stands last
             counted[file.name] = file, {}
@@ -157,35 +155,41 @@ class _StatedStd:
     at_utc: str
 
 
-# What is measured again has another value or time. So equal rows are one measurement, and a smaller
-# σ of it was stated when the result by the first σ was known.
 def _restated(
-    entries: Iterable[Entry[Finding]], files: Iterable[RecordedFile]
+    records: Iterable[tuple[str, RecordedFile]], files: Iterable[RecordedFile]
 ) -> Iterator[RestatedStd]:
     """Yield counting observations whose first record has a larger σ, by both files."""
     counting = {_as_in_files(row) for file in files for row in file.rows}
-    first: dict[tuple[object, ...], list[_StatedStd]] = {}
-    both: dict[tuple[object, ...], tuple[_StatedStd, _StatedStd]] = {}
-    for entry in entries:
-        file = _read(entry)
-        new: list[tuple[tuple[object, ...], _StatedStd]] = []
-        for row in file.rows:
-            std_mm = round(row.std_mm, FILE_DECIMALS)  # as a file that a run fills in has it
-            key = _as_in_files(replace(row, time=None))
-            now = _StatedStd(row.time, std_mm, file.name, entry.at_utc)
-            of_one = (then for then in first.get(key, ()) if _is_one_time(then.time, row.time))
-            both[_as_in_files(row)] = next(of_one, now), now
-            new.append((key, now))
-        for key, now in new:  # rows of one file are compared with other files alone
-            first.setdefault(key, []).append(now)
     groups: dict[tuple[str, ...], list[tuple[_StatedStd, _StatedStd]]] = {}
-    for key, (then, now) in both.items():
+    for key, (then, now) in _first_and_latest(records).items():
         if key in counting and then.std_mm > now.std_mm:
             group = (now.file, now.at_utc, then.file, then.at_utc)
             groups.setdefault(group, []).append((then, now))
     for (name, at_utc, earlier, earlier_utc), pairs in groups.items():
         then, now = max(pairs, key=lambda pair: pair[0].std_mm / pair[1].std_mm)
         yield RestatedStd(name, at_utc, earlier, earlier_utc, len(pairs), then.std_mm, now.std_mm)
+
+
+# What is measured again has another value or time. So equal rows are one measurement, and a smaller
+# σ of it was stated when the result by the first σ was known.
+def _first_and_latest(
+    records: Iterable[tuple[str, RecordedFile]],
+) -> dict[tuple[object, ...], tuple[_StatedStd, _StatedStd]]:
+    """Return σ of each observation by its first record and by its latest; records with times."""
+    first: dict[tuple[object, ...], list[_StatedStd]] = {}
+    both: dict[tuple[object, ...], tuple[_StatedStd, _StatedStd]] = {}
+    for at_utc, file in records:
+        new: list[tuple[tuple[object, ...], _StatedStd]] = []
+        for row in file.rows:
+            std_mm = round(row.std_mm, FILE_DECIMALS)  # as a file that a run fills in has it
+            key = _as_in_files(replace(row, time=None))
+            now = _StatedStd(row.time, std_mm, file.name, at_utc)
+            of_one = (then for then in first.get(key, ()) if _is_one_time(then.time, row.time))
+            both[_as_in_files(row)] = next(of_one, now), now
+            new.append((key, now))
+        for key, now in new:  # rows of one file are compared with other files alone
+            first.setdefault(key, []).append(now)
+    return both
 
 
 def _is_one_time(first: str | None, second: str | None) -> bool:
