@@ -44,7 +44,8 @@ def validated(rows, instrument=INSTRUMENT, turns_rad=0.0, lever_mm=(0.0, 0.0, 0.
     purposes, commanded, measured, pairs = zip(*rows, strict=True) if rows else ((),) * 4
     poses, points = np.zeros((count, 4)), np.reshape(measured, (count, 3))
     poses[:, :3], poses[:, 3] = np.reshape(commanded, (count, 3)), turns_rad
-    levers = Rotation.from_rotvec(np.outer(poses[:, 3], (0.0, 0.0, 1.0))).apply(lever_mm)
+    turned = [Rotation.from_rotvec((0.0, 0.0, turn)).apply(lever_mm) for turn in poses[:, 3]]
+    levers = np.reshape(turned, (count, 3))
     shots = Shots(
         numbers=tuple(range(count)), purposes=tuple(purposes), pairs=tuple(pairs),
         joints=np.zeros((count, 4)), approach=np.zeros((count, 4)), commanded=poses,
