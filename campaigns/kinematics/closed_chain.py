@@ -16,7 +16,7 @@ follow the forward model (`assemble`), the inverse model (`inverse`) and derivat
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Self, TypeAlias
 
 import numpy as np
 from typing_extensions import override
@@ -49,6 +49,10 @@ INVERSE_ERROR_MM = 1e-9
 GUESSES = ((0.0, 0.0), (0.6, -40.0), (-0.6, -40.0), (0.0, -150.0), (0.9, 60.0), (-0.9, 60.0),
            (0.0, 150.0))  # fmt: skip
 """Turns in rad and heights in mm above the usual guess, in the order in which they are tried."""
+
+Row: TypeAlias = tuple[Array, Array, Array]
+Matrix: TypeAlias = tuple[Row, Row, Row]
+"""Matrices of all rows: each component is an array (…, N, 1)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,23 +237,25 @@ class ClosedChain(Mechanism):
         `upper_ends` (…, 3, N, n) are those of the forearms, `y` (…, N, t) a level plate's pose or
         (…, N, t + 3) a tilted one's. Sums of all arms come first, then weighted differences.
         """
-        fields, task_size = geometry.arms, len(self.task)
-        forearms = self.lower_ends(geometry, y) - upper_ends
-        if y.shape[-1] == task_size:
-            return _sum_closures(forearms, fields["forearm"])
+        if y.shape[-1] == len(self.task):
+            forearms = self.lower_ends(geometry, y) - upper_ends
+            return _sum_closures(forearms, geometry.arms["forearm"])
+        return _tilted_closures(geometry, *self._rods(geometry, upper_ends, y))
+
+    def _rods(self, geometry: Geometry, upper_ends: Array, y: Array) -> tuple[Array, Array]:
+        """Return the vectors g and e, (…, 3, N, n), at unknowns y (…, N, t + 3)."""
         # the tilt turns the plate about the measured point, and its joints and bars with it
-        tilt = as_vectors(y[..., task_size:])
-        on_plate = self._offsets(geometry, y) + geometry.plate_joints_mm - geometry.reflector_mm
-        forearms = forearms + rotation_less_identity(tilt, on_plate)
+        fields, tilt = geometry.arms, rotation_less_identity(as_vectors(y[..., len(self.task) :]))
+        offsets = self._offsets(geometry, y)
+        on_plate = offsets + geometry.plate_joints_mm - geometry.reflector_mm
+        lower_ends = as_vectors(y[..., :3]) + offsets
         outward = geometry.plate.outward_rad
         bar_azimuths = fields["azimuth"] if outward is None else np.array([outward])
         turned = bar_azimuths + fields["bar_turn"]
         level_bars = vectors(-np.sin(turned), np.cos(turned), 0.0)
-        lower_bars = level_bars + rotation_less_identity(tilt, level_bars)
-        e = lower_bars - self.limb.upper_bars(fields, bar_azimuths)
-        differences = dot(forearms, e) / fields["forearm"] - fields["parallelogram_skew"]
-        sums = _sum_closures(forearms, fields["forearm"])
-        return np.concatenate([sums, HALF_WIDTH_MM * differences], axis=-1)
+        lower_bars = level_bars + product(tilt, level_bars)
+        forearms = lower_ends + product(tilt, on_plate) - upper_ends
+        return forearms, lower_bars - self.limb.upper_bars(fields, bar_azimuths)
 
     def lower_ends(self, geometry: Geometry, y: Array) -> Array:
         """Return the lower ends of the forearms on a level plate, (…, 3, N, n)."""
@@ -260,18 +266,23 @@ class ClosedChain(Mechanism):
         turn = y[..., 3 : len(self.task)] if len(self.task) > 3 else np.zeros((1, 1))
         return self.platform.offsets(geometry.length, turn)
 
-    # A level plate's derivatives are known in closed form: ∂s/∂X = g / L, the forearm's direction,
-    # and ∂s/∂θ = (g / L)·∂B/∂θ with the lower end B. A tilted plate's closures are stepped into
-    # the imaginary direction instead: F(y + ih) = F(y) + ih F'(y), exact to rounding for h = 1e-200
-    # (Squire and Trapp 1998). Both save the cancellation of differences.
+    # By the place X derivatives are known in closed form: ∂s/∂X = g / L, the forearm's direction,
+    # and ∂d/∂X = e / L of the difference d; of a level plate ∂s/∂θ = (g / L)·∂B/∂θ with the lower
+    # end B. A tilted plate's turn and tilt are stepped into the imaginary direction instead:
+    # F(y + ih) = F(y) + ih F'(y), exact to rounding for h = 1e-200 (Squire and Trapp 1998). All of
+    # these save the cancellation of differences.
     def _differentiate_by_unknowns(
         self, geometry: Geometry, upper_ends: Array, y: Array
     ) -> tuple[Array, Array]:
         """Return the closures (N, m) and their derivatives by y, (N, m, k)."""
         if y.shape[1] > len(self.task):
-            steps = STEP * np.eye(y.shape[1])[:, None]
-            stepped = self.closures(geometry, upper_ends, y + 1j * steps)
-            return stepped[0].real, np.moveaxis(stepped.imag, 0, -1) / STEP
+            steps = 1j * STEP * np.eye(y.shape[1])[3:, None]
+            forearms, bars = self._rods(geometry, upper_ends, y + steps)
+            stepped = _tilted_closures(geometry, forearms, bars)
+            by_place = np.concatenate([forearms[0].real, HALF_WIDTH_MM * bars[0].real], axis=-1)
+            by_place = by_place / np.tile(geometry.arms["forearm"], 2)
+            by_y = np.concatenate([by_place, stepped.imag / STEP])
+            return stepped[0].real, np.moveaxis(by_y, 0, -1)
         forearms = self.lower_ends(geometry, y) - upper_ends
         directions = forearms / geometry.arms["forearm"]
         columns = [*directions]
@@ -676,6 +687,14 @@ def _sum_closures(forearms: Array, forearm_mm: Array) -> Array:
     return np.asarray((dot(forearms, forearms) - forearm_mm**2) / (2.0 * forearm_mm))
 
 
+def _tilted_closures(geometry: Geometry, forearms: Array, bars: Array) -> Array:
+    """Return sums and weighted differences (…, N, 2 n) of vectors g and e, (…, 3, N, n), in mm."""
+    length = geometry.arms["forearm"]
+    differences = dot(forearms, bars) / length - geometry.arms["parallelogram_skew"]
+    sums = _sum_closures(forearms, length)
+    return np.concatenate([sums, HALF_WIDTH_MM * differences], axis=-1)
+
+
 def _unknowns_by_closures(by_y: Array) -> Array:
     """Return -F_y⁺, the derivatives (N, k, m) of unknowns by closures, from F_y (N, m, k)."""
     transposed = by_y.swapaxes(1, 2)
@@ -683,16 +702,21 @@ def _unknowns_by_closures(by_y: Array) -> Array:
 
 
 # Rods that differ by 0.2 mm and axes tilted by 2 mrad: first order leaves 6 µm rms, second 0.1 µm.
-def rotation_less_identity(rotation: Array, vectors: Array) -> Array:
-    """Return (R - 1) v to second order of a rotation vector: 0.01 rad over 60 mm leave 10 nm."""
-    first = cross(rotation, vectors)
-    return np.asarray(first + 0.5 * cross(rotation, first))
+def rotation_less_identity(rotation: Array) -> Matrix:
+    """Return R - 1 of rotation vectors (…, 3, N, 1) to second order.
+
+    A rotation of 0.01 rad over 60 mm leaves 10 nm.
+    """
+    x, y, z = (rotation[..., k, :, :] for k in range(3))
+    xx, yy, zz = 0.5 * x * x, 0.5 * y * y, 0.5 * z * z
+    xy, xz, yz = 0.5 * x * y, 0.5 * x * z, 0.5 * y * z
+    return ((-yy - zz, xy - z, xz + y), (xy + z, -xx - zz, yz - x), (xz - y, yz + x, -xx - yy))
 
 
-def cross(a: Array, b: Array) -> Array:
-    """Return vector products of vectors (…, 3, N, n)."""
-    (ax, ay, az), (bx, by, bz) = ([v[..., k, :, :] for k in range(3)] for v in (a, b))
-    return vectors(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+def product(matrix: Matrix, of: Array) -> Array:
+    """Return the products of a matrix with the vectors `of` (…, 3, N, n)."""
+    x, y, z = (of[..., k, :, :] for k in range(3))
+    return vectors(*(a * x + b * y + c * z for a, b, c in matrix))
 
 
 def as_vectors(rows: Array) -> Array:
