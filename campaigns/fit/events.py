@@ -388,20 +388,20 @@ def _is_same_change(effect: Effect, step: Step) -> bool:
 
 def _variants(fit: Fit) -> Iterator[Fit]:
     """Yield the fits on the same linear model by which changes are proposed."""
-    yield fit
-    yield _with_stand_held(fit)
+    yield from _with_stand_held(fit)
     if sum(int((rows.usable & (rows.good < 0.5)).sum()) for rows in fit.rows) >= LEFT_OUT:
         # a change may be what looks like wrong shots: with all of them, by the noise of the good
         # ones and by that which all show together
         whole = fit.with_weights([rows.usable.astype(np.float64) for rows in fit.rows])
         for variant in (whole, estimate_sizes_and_noise(whole, 12)):
-            yield variant
-            yield _with_stand_held(variant)
+            yield from _with_stand_held(variant)
 
 
-def _with_stand_held(fit: Fit) -> Fit:
-    """Return the fit without slow motion of the stand, which takes up small steps of the frame."""
-    return replace(fit, sizes={**fit.sizes, "stand": STAND_HELD}) if "stand" in fit.sizes else fit
+def _with_stand_held(fit: Fit) -> Iterator[Fit]:
+    """Yield the fit, and without slow motion of the stand, which takes up steps of the frame."""
+    yield fit
+    if "stand" in fit.sizes:
+        yield replace(fit, sizes={**fit.sizes, "stand": STAND_HELD})
 
 
 def changes_by_angle(part: str, joints: Sequence[Axis]) -> bool:
@@ -416,13 +416,13 @@ def candidate_parts(model: ErrorModel) -> dict[str, Step]:
     usual = (TURN_MRAD,) * 3 + (STEP_MM,) * 3
     parts = {FRAME: Step(FRAME, -np.inf, np.inf, usual, tuple(range(6)), 6)}
     table, size = model.nominal.mechanism.parameters, len(model.names)
+    by_field: dict[tuple[int | None, str], int] = {}
+    for place, name in enumerate(model.parameters):
+        by_field[table[name].arm, table[name].field.stem] = place
     for arm in range(table.arms):
         for word, stems in PARTS.items():
-            places = tuple(
-                place
-                for place, name in enumerate(model.parameters)
-                if table[name].arm == arm and table[name].field.stem in stems
-            )
+            of_part = ((arm, stem) for stem in stems)
+            places = tuple(sorted(by_field[key] for key in of_part if key in by_field))
             name = f"{word} {arm}"
             is_angle = changes_by_angle(name, model.nominal.mechanism.joints)
             step = ENCODER_RAD if is_angle else STEP_MM
