@@ -424,4 +424,4 @@ def study(
         spread=spread,
         noise=noise,
     )
-    return summarise(setup.model().parameters, simulate_campaigns(setup, range(campaigns)))
+    return summarise(setup.model.parameters, simulate_campaigns(setup, range(campaigns)))

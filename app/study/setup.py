@@ -87,13 +87,13 @@ class Study:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the robot's parameters that every campaign identifies."""
-        return self.setup.model().parameters
+        return self.setup.model.parameters
 
     def table_head(self) -> dict[str, object]:
         """Return the first line of its table, with twelve characters that differ by study."""
         # Everything that changes a campaign's numbers goes into the digest, the version too: two
         # versions may fit differently. The number of campaigns does not, for a study may grow.
-        setup, model = self.setup, self.setup.model()
+        setup, model = self.setup, self.setup.model
         words = (VERSION, setup.nominal.mechanism.name, model.names, setup.seed, setup.spread)
         hashed = hashlib.sha256(repr((*words, setup.options.instrument)).encode())
         frame = setup.tracker_from_base

@@ -17,24 +17,24 @@ number gives the same campaign in whatever process and order it is simulated.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import CampaignError, PlanInvalid
-from campaigns.fit.error_model import ErrorModel
+from campaigns.fit.error_model import ErrorModel, Observations
 from campaigns.fit.error_sources import SOURCES, tracker_columns
 from campaigns.fit.events import explain
 from campaigns.fit.fit import Fit, integrate_sizes
 from campaigns.fit.rigid_transforms import Transform, fit_transform
 from campaigns.fit.tracker_noise import point_covariance_mm2
-from campaigns.fit.uncertainty import length_std, null_directions
+from campaigns.fit.uncertainty import length_std, null_directions, without_frame
 from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
-from campaigns.kinematics.model import Kinematics, NoSolution
+from campaigns.kinematics.model import Kinematics, KinematicSolution, NoSolution
 from campaigns.kinematics.parameters import Role
 from campaigns.kinematics.transmission import approach_along
-from campaigns.planning.forecast import judged_at
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.plans import joints_of, poses_of
 from campaigns.shots.shot_sets import ShotSet
@@ -48,7 +48,7 @@ FEWEST_SHOTS = 6
 """Shots that place the tracker's frame and leave something to judge by."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class StudySetup:
     """Setup that all campaigns of a study share."""
 
@@ -66,9 +66,22 @@ class StudySetup:
     noise: Noise | None = None
     """Real errors of the instrument; None: drawn from the covariance that it states."""
 
+    @cached_property
     def model(self) -> ErrorModel:
-        """Return the model of all sources of error that every campaign is fitted with."""
+        """Model of all sources of error that every campaign is fitted with."""
         return error_model(self.nominal, None, self.options)
+
+    @cached_property
+    def nominal_poses(self) -> Array:
+        """Poses (N, t) of the nominal robot at the shots; raise `NoSolution`."""
+        shots = self.shots
+        return self.nominal.forward(shots.joints, approach=shots.approach).values_or_raise()
+
+    @cached_property
+    def judged(self) -> Observations:
+        """Joints of the nominal robot at the poses of the workspace; raise `NoSolution`."""
+        joints = self.nominal.inverse(self.workspace).values_or_raise()
+        return Observations.unmeasured(joints, self.workspace)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,18 +115,17 @@ def simulate_campaigns(setup: StudySetup, numbers: Sequence[int]) -> Iterator[Ca
     """Draw, measure and identify the campaigns of these numbers, each by its own seed."""
     # A drawn robot that cannot be assembled at some shot, or a fit that fails, is an outcome of
     # its own: it must not end the other campaigns, and it must be counted.
-    model = setup.model()
     for number in numbers:
         rng = np.random.default_rng([setup.seed, number])
         try:
-            yield CampaignRow(number, estimate=_simulate(setup, model, rng))
+            yield CampaignRow(number, estimate=_simulate(setup, rng))
         except (NoSolution, CampaignError, ValueError, np.linalg.LinAlgError) as error:
             yield CampaignRow(number, failure=str(error))
 
 
-def _simulate(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) -> CampaignEstimate:
+def _simulate(setup: StudySetup, rng: np.random.Generator) -> CampaignEstimate:
     """Draw a robot, measure it and identify it, as numbered in the module's head."""
-    true = _draw_unknowns(setup, model, rng)
+    model, true = setup.model, _draw_unknowns(setup, rng)
     robot = model.kinematics(true)
     # The recorded joints are those of the plan; the true robot is elsewhere at them. Its pose near
     # the commanded one is the assembly that the controller would drive.
@@ -123,8 +135,8 @@ def _simulate(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) ->
     # From here on as `identify`: only points, stated covariances and the nominal robot are used.
     covariance = point_covariance_mm2(points, setup.options.instrument)
     shots = replace(setup.shots, points_in_tracker_mm=points, stated_covariance_mm2=covariance)
-    near = setup.nominal.forward(shots.joints, approach=shots.approach).values_or_raise()
-    posterior = integrate_sizes(explain(model, observations_of(shots, near, setup.options)))
+    observations = observations_of(shots, setup.nominal_poses, setup.options)
+    posterior = integrate_sizes(explain(model, observations))
     errors, std = _parameter_errors(posterior, true)
     real_mm, stated_mm = _position_errors_mm(setup, posterior, robot)
     return CampaignEstimate(
@@ -135,10 +147,11 @@ def _simulate(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) ->
     )
 
 
-def _draw_unknowns(setup: StudySetup, model: ErrorModel, rng: np.random.Generator) -> Array:
+def _draw_unknowns(setup: StudySetup, rng: np.random.Generator) -> Array:
     """Draw the true unknowns of a campaign, (P,) in tolerances."""
     # Geometry's prior is broad on purpose (5 mm, 5°): robots drawn from it would be off by
     # centimetres. Its groups that are not learned get the study's spread instead.
+    model = setup.model
     scale = np.ones(len(model.names))
     table = setup.nominal.mechanism.parameters
     for place, (name, group) in enumerate(zip(model.parameters, model.groups, strict=False)):
@@ -185,16 +198,14 @@ def _position_errors_mm(setup: StudySetup, posterior: Fit, true: Kinematics) -> 
     """Return the real error of positions and their stated 1 σ, both rms over the workspace, mm."""
     # Both robots take the joints of the nominal one at the workspace's poses. The frame of the
     # identified robot is arbitrary, so the best rigid fit is taken off before the comparison, as
-    # it is in the stated σ.
-    identified = posterior.model.kinematics(posterior.x)
-    joints = setup.nominal.inverse(setup.workspace).values_or_raise()
-    modelled, real = (
-        robot.forward(joints, setup.workspace).values_or_raise() for robot in (identified, true)
-    )
-    points, real_points = identified.points(modelled), true.points(real)
-    placed = fit_transform(points, real_points).apply(points)
-    by_parameters = judged_at(posterior.model, identified, joints, modelled)
-    std = length_std(by_parameters, posterior.model_covariance)
+    # it is in the stated σ. The true one's search begins at the poses of the identified one.
+    model, judged = posterior.model, setup.judged
+    identified, assembly = model.positions(posterior.x, judged, judged.near)
+    modelled = KinematicSolution(assembly.poses, assembly.is_solved).values_or_raise()
+    real_points = true.points(true.forward(judged.joints, modelled).values_or_raise())
+    placed = fit_transform(assembly.points, real_points).apply(assembly.points)
+    columns, _ = model.robot_columns(identified, judged, assembly.unknowns)
+    std = length_std(without_frame(columns, assembly.points), posterior.model_covariance)
     real_mm = float(np.sqrt(((real_points - placed) ** 2).sum(axis=1).mean()))
     return real_mm, float(np.sqrt((std**2).mean()))
 

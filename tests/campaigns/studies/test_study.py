@@ -52,7 +52,7 @@ def test_numbers_depend_on_the_seed_and_not_on_how_campaigns_are_divided(setup, 
 
 
 def test_stated_deviations_of_parameters_and_positions_are_true(setup, outcomes):
-    names = setup.model().parameters
+    names = setup.model.parameters
     summary = summarise(names, outcomes)
     assert summary.failed == 0
     assert not summary.too_sure
