@@ -1,18 +1,20 @@
 """Simulation of the campaigns that a study's table lacks, by processes here or a Dask cluster.
 
-Campaigns are independent of each other, so they are handed out in parts of 25: to this process, to
-local worker processes, or to the workers of a Dask scheduler. All three are used through an
-executor of the standard library's kind, and give the same numbers. An error in a part
-costs that part alone; a worker that is killed costs all parts that had not come back. Lost
-campaigns are reported, and a later call computes them, since the table lacks them.
+Campaigns are independent of each other, so they are handed out in parts: to this process, to local
+worker processes, or to the workers of a Dask scheduler. All three are used through an executor of
+the standard library's kind, and give the same numbers. A part comes back after five seconds with
+what it has, and its other campaigns are handed out once more: a study that is killed keeps all but
+the last seconds. An error costs its campaign alone, a local worker that is killed all parts that
+had not come back; Dask gives those of its killed workers to others. Lost campaigns are reported,
+and a later call computes them, since the table lacks them.
 """
 
 import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, as_completed
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -30,21 +32,29 @@ from campaigns.studies.summary import StudySummary, summarise
 from campaigns.studies.table import StudyTable
 
 CAMPAIGNS_A_PART = 25
-"""Campaigns that are handed out together: seconds of work, lost at most if it is interrupted."""
+"""Most campaigns that are handed out together."""
+PART_S = 5.0
+"""Time after which a part comes back, s: work that is lost at most if the study is killed."""
 KILLED = "a process that computed was killed"
 
 Numbers: TypeAlias = Sequence[int]
 """Numbers of campaigns that one process simulates together."""
-Simulate: TypeAlias = Callable[[Numbers], tuple[CampaignRow, ...]]
+Simulate: TypeAlias = Callable[[Numbers], Iterable[CampaignRow]]
+Clock: TypeAlias = Callable[[], float]
+"""Seconds that never go back."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Campaigns that were simulated together, or why they were lost."""
+    """Campaigns that were simulated together."""
 
-    numbers: Numbers
     rows: tuple[CampaignRow, ...] = ()
-    lost: str = ""
+    postponed: Numbers = ()
+    """Numbers of those for which there was no time."""
+    lost: Numbers = ()
+    """Numbers of those that have no outcome."""
+    reason: str = ""
+    """Why they were lost."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,35 +91,54 @@ def run_study(study: Study, table: StudyTable, wanted: range, executor: Executor
     # 3. Write the table again, in the order of numbers.
     table.read()
     missing = [number for number in wanted if number not in table.by_number]
-    starts = range(0, len(missing), CAMPAIGNS_A_PART)
-    parts = [missing[start : start + CAMPAIGNS_A_PART] for start in starts]
     lost, reasons = 0, dict[str, None]()
     table.write()
     console = Console(stderr=True, highlight=False)
     with CountedWork(console, "campaigns", len(wanted), done=len(wanted) - len(missing)) as counted:
-        for part in simulated_parts(study.simulate, parts, executor):
+        for part in simulated_parts(study.simulate, missing, executor):
             if part.lost:
-                lost += len(part.numbers)
-                reasons[part.lost] = None
+                lost += len(part.lost)
+                reasons[part.reason] = None
                 counted.news = f"{lost} lost"
             table.add(part.rows)
-            counted.advance(len(part.numbers))
+            counted.advance(len(part.rows) + len(part.lost))
     table.write()
     rows = [table.by_number[number] for number in wanted if number in table.by_number]
     return Studied(study, rows, len(missing) - lost, lost, (*reasons,))
 
 
 def simulated_parts(
-    simulate: Simulate, parts: Sequence[Numbers], executor: Executor | None
+    simulate: Simulate, numbers: Numbers, executor: Executor | None, clock: Clock = time.monotonic
 ) -> Iterator[Part]:
     """Yield parts as they come from an executor's processes, or without an executor from this one.
 
     If a local process is killed, all parts that had not come back are lost.
     """
-    if executor is None:
-        yield from (_simulate_part(simulate, numbers) for numbers in parts)
-        return
-    futures = {executor.submit(_simulate_part, simulate, numbers): numbers for numbers in parts}
+    while numbers:
+        starts = range(0, len(numbers), CAMPAIGNS_A_PART)
+        parts = [numbers[start : start + CAMPAIGNS_A_PART] for start in starts]
+        postponed: list[int] = []
+        come: Iterable[Part]
+        if executor is None:
+            come = (_simulate_part(simulate, part, clock) for part in parts)
+        else:
+            come = _come_back(executor, simulate, parts, clock)
+        for part in come:
+            postponed += part.postponed
+            yield part
+        numbers = postponed
+
+
+def _come_back(
+    executor: Executor, simulate: Simulate, parts: Sequence[Numbers], clock: Clock
+) -> Iterator[Part]:
+    """Yield the parts that an executor's processes simulate, or what was lost with a process."""
+    futures: dict[Future[Part], Numbers] = {}
+    for numbers in parts:
+        try:
+            futures[executor.submit(_simulate_part, simulate, numbers, clock)] = numbers
+        except BrokenExecutor:  # a process was killed in between
+            yield Part(lost=numbers, reason=KILLED)
     for future in as_completed(futures):
         # Errors of a simulation come back as a part. One of the future itself means that its
         # process, or the way to it, is gone.
@@ -119,7 +148,7 @@ def simulated_parts(
         else:
             is_killed = isinstance(error, TerminatedWorkerError)
             why = KILLED if is_killed else f"{type(error).__name__}: {error}"
-            yield Part(futures[future], lost=why)
+            yield Part(lost=futures[future], reason=why)
 
 
 @contextmanager
@@ -154,12 +183,20 @@ def cluster(scheduler: str) -> Iterator[Executor]:
         yield client.get_executor()
 
 
-def _simulate_part(simulate: Simulate, numbers: Numbers) -> Part:
-    """Simulate campaigns in the worker; an error there costs this part alone."""
+def _simulate_part(simulate: Simulate, numbers: Numbers, clock: Clock) -> Part:
+    """Simulate campaigns in the worker, at least one; an error there costs its campaign alone."""
+    rows: list[CampaignRow] = []
+    until_s = clock() + PART_S
     try:
-        return Part(numbers, simulate(numbers))
+        for row in simulate(numbers):
+            rows.append(row)
+            if clock() >= until_s:
+                break
     except Exception as error:  # noqa: BLE001 - it is reported, and can be computed again
-        return Part(numbers, lost=f"{type(error).__name__}: {error}")
+        done = len(rows)
+        why = f"{type(error).__name__}: {error}"
+        return Part((*rows,), numbers[done + 1 :], numbers[done : done + 1], why)
+    return Part((*rows,), numbers[len(rows) :])
 
 
 def _serve(parent: int) -> None:

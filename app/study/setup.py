@@ -8,7 +8,7 @@ that began it.
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -107,9 +107,9 @@ class Study:
             "study": digest,
         }
 
-    def simulate(self, numbers: Sequence[int]) -> tuple[study.CampaignRow, ...]:
-        """Draw, measure and identify the campaigns of these numbers."""
-        return tuple(study.simulate_campaigns(self.setup, numbers))
+    def simulate(self, numbers: Sequence[int]) -> Iterator[study.CampaignRow]:
+        """Draw, measure and identify the campaigns of these numbers, one after the other."""
+        return study.simulate_campaigns(self.setup, numbers)
 
 
 def study_of(campaign: Campaign, asked: StudyOptions) -> Study:

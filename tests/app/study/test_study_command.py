@@ -38,14 +38,14 @@ def table_of(folder):
     return (folder / "study" / f"{NAME}.jsonl").read_text(encoding="utf-8")
 
 
-def stopped_after_one_part(simulate, parts, executor):
-    yield next(simulated_parts(simulate, parts, None))
+def stopped_after_one_part(simulate, numbers, executor):
+    yield next(simulated_parts(simulate, numbers, None))
     raise KeyboardInterrupt
 
 
-def loses_the_second_part(simulate, parts, executor):
-    yield Part(parts[1], lost="killed")
-    yield from simulated_parts(simulate, [parts[0], *parts[2:]], None)
+def loses_the_second_part(simulate, numbers, executor):
+    yield Part(lost=numbers[2:4], reason="killed")
+    yield from simulated_parts(simulate, numbers[:2], None)
 
 
 @pytest.fixture(scope="session")
