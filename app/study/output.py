@@ -8,7 +8,8 @@ from pathlib import Path
 from app.console import WARNING, Terminal
 from app.study.running import Studied
 from campaigns.files.table import Column, csv_table
-from campaigns.studies.summary import ParameterSummary, StudySummary
+from campaigns.files.wording import listed
+from campaigns.studies.summary import CONFIDENCE, ParameterSummary, StudySummary
 
 MOST_NAMED = 3
 """Parameters whose σ is wrong, and failures, that are named in a line."""
@@ -48,6 +49,8 @@ class StudyAnswer:
     lost: int
     parameters: Mapping[str, Mapping[str, object]]
     """Figures of each parameter, as in the .csv file."""
+    unseen: Sequence[str]
+    """Names of the parameters without figures, for no shot shows them."""
     chance: Mapping[str, Sequence[float]]
     """Limits in which an honest study's figures lie."""
     position_mm: float
@@ -79,6 +82,7 @@ def study_answer(
         parameters={
             p.name: {column.head: column.of(p) for column in TABLE[1:]} for p in summary.parameters
         },
+        unseen=summary.unseen,
         chance=summary.chance,
         position_mm=summary.position_mm,
         stated_mm=summary.stated_mm,
@@ -91,6 +95,8 @@ def show(terminal: Terminal, studied: Studied, summary: StudySummary) -> None:
     """Show parameters, positions, and whether the stated σ are true."""
     terminal.rows("Errors of the parameters (mm, deg)", SHOWN, summary.parameters)
     terminal.note("ratio: σ found over σ stated; 95 %: share of intervals that hold the truth")
+    if summary.unseen:
+        terminal.note(f"without figures, for no shot shows them: {', '.join(summary.unseen)}")
     terminal.say(
         f"positions over the workspace (rms): real {summary.position_mm:.4f} mm, stated "
         f"{summary.stated_mm:.4f} mm, ratio {summary.position_mm / summary.stated_mm:.3f}"
@@ -101,19 +107,29 @@ def show(terminal: Terminal, studied: Studied, summary: StudySummary) -> None:
 
 
 def honesty(summary: StudySummary) -> str:
-    """Say in a line whether the stated σ are true."""
+    """Say in a line whether the stated σ are true, with the figures that show it."""
     # Too small comes first: a σ that promises too much does harm, one that is too large only costs.
+    low, high = summary.chance["ratio"]
     if summary.too_sure:
         worst = sorted(summary.too_sure, key=lambda p: p.ratio, reverse=True)
-        return f"stated σ are too small: {_names(worst)}"
+        words = [_figure(p, by_ratio=p.ratio > high) for p in worst]
+        return f"stated σ are too small: {listed(words, MOST_NAMED)}"
     if summary.too_unsure:
         worst = sorted(summary.too_unsure, key=lambda p: p.ratio)
-        return f"stated σ are larger than need be: {_names(worst)}"
-    low, high = summary.chance["ratio"]
+        words = [_figure(p, by_ratio=p.ratio < low) for p in worst]
+        return f"stated σ are larger than need be: {listed(words, MOST_NAMED)}"
+    span = f"from {low:.3f} to {high:.3f}" if low > 0.0 else f"up to {high:.3f}"
     return (
         f"stated σ are true, as far as {summary.campaigns} campaigns show "
-        f"(ratios from {max(low, 0.0):.3f} to {high:.3f} may be chance)"
+        f"(ratios {span} may be chance)"
     )
+
+
+def _figure(parameter: ParameterSummary, *, by_ratio: bool) -> str:
+    """Return a parameter's name with the figure that lies beyond chance."""
+    if by_ratio:
+        return f"{parameter.name} found {parameter.ratio:.2f} × stated"
+    return f"{parameter.name} covered {parameter.covered:.2f} of {CONFIDENCE:.2f}"
 
 
 def shortcomings(studied: Studied) -> Iterator[str]:
@@ -128,10 +144,3 @@ def shortcomings(studied: Studied) -> Iterator[str]:
     if studied.lost:
         why = "; ".join(studied.reasons[:MOST_NAMED])
         yield f"{studied.lost} campaigns lost: {why} → the same command tries them again"
-
-
-def _names(parameters: Sequence[ParameterSummary]) -> str:
-    named = [f"{p.name} found {p.ratio:.2f} × stated" for p in parameters[:MOST_NAMED]]
-    if len(parameters) > MOST_NAMED:
-        named.append(f"and {len(parameters) - MOST_NAMED} more")
-    return ", ".join(named)

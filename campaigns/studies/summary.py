@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from campaigns.arrays import Array
+from campaigns.arrays import Array, Mask
 from campaigns.errors import ShotsMissing
 from campaigns.kinematics.axes import Interval
 from campaigns.studies.study import CampaignEstimate, CampaignRow
@@ -24,6 +24,9 @@ COVERAGE_95 = 1.96
 LEAST_CAMPAIGNS = 2
 FALSE_ALARM = 0.01
 """Probability that at least one parameter of an honest study lies outside the limits of chance."""
+UNSEEN_STD = 1e-9
+"""Stated σ below which a parameter never moved, mm, deg or ppm: what rounding leaves of one that no
+shot shows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +58,10 @@ class StudySummary:
     failed: int
     """Number of campaigns without an estimate."""
     parameters: tuple[ParameterSummary, ...]
-    """Bias, empirical and stated σ, their ratio and coverage of each free parameter."""
+    """Bias, empirical and stated σ, their ratio and coverage of each free parameter that a shot
+    shows."""
+    unseen: tuple[str, ...]
+    """Names of the parameters that no shot of any campaign shows: they never moved."""
     chance: Mapping[str, Interval]
     """Limits in which an honest study's figures lie, by `chance`."""
     position_mm: float
@@ -99,6 +105,7 @@ def summarise(free: Sequence[str], rows: Iterable[CampaignRow]) -> StudySummary:
     # Rows are campaigns, columns parameters. σ are averaged as variances, and so are positions.
     errors = np.array([estimate.errors for estimate in identified])
     stated = np.array([estimate.std for estimate in identified])
+    seen = _seen(stated)
     columns = (
         errors.mean(axis=0),
         errors.std(axis=0, ddof=1),
@@ -107,14 +114,16 @@ def summarise(free: Sequence[str], rows: Iterable[CampaignRow]) -> StudySummary:
     )
     positions = np.array([(row.position_mm, row.stated_mm) for row in identified])
     position_mm, stated_mm = np.sqrt(np.mean(positions**2, axis=0)).tolist()
-    figures = np.column_stack(columns).tolist()
+    figures = np.column_stack(columns)
     return StudySummary(
         campaigns=len(identified),
         failed=len(rows) - len(identified),
         parameters=tuple(
-            ParameterSummary(name, *row) for name, row in zip(free, figures, strict=True)
+            ParameterSummary(free[place], *figures[place].tolist())
+            for place in np.flatnonzero(seen).tolist()
         ),
-        chance=chance(len(free), len(identified)),
+        unseen=tuple(free[place] for place in np.flatnonzero(~seen).tolist()),
+        chance=chance(int(seen.sum()), len(identified)),
         position_mm=position_mm,
         stated_mm=stated_mm,
     )
@@ -126,8 +135,20 @@ def estimates(rows: Iterable[CampaignRow]) -> list[CampaignEstimate]:
 
 
 def normal_scores(rows: Iterable[CampaignRow]) -> Array:
-    """Return errors over their stated σ, (C, F): standard normal if the stated σ are true."""
-    return np.array([np.divide(row.errors, row.std) for row in estimates(rows)])
+    """Return errors over their stated σ, (C, F): standard normal if the stated σ are true.
+
+    Columns are the parameters that a shot shows.
+    """
+    identified = estimates(rows)
+    errors = np.array([row.errors for row in identified])
+    stated = np.array([row.std for row in identified])
+    seen = _seen(stated)
+    return np.asarray(errors[:, seen] / stated[:, seen])
+
+
+def _seen(stated: Array) -> Mask:
+    """Return which columns of stated σ (C, F) belong to parameters that a shot shows, (F,)."""
+    return np.asarray(stated.max(axis=0) > UNSEEN_STD)
 
 
 def chance(parameters: int, campaigns: int) -> dict[str, Interval]:

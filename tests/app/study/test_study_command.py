@@ -7,9 +7,11 @@ import shutil
 import pytest
 
 from app.main import run_command
+from app.study.output import honesty
 from app.study.running import Part, simulated_parts
 from campaigns.campaign import now_utc
 from campaigns.files.lock import campaign_lock
+from campaigns.studies.summary import ParameterSummary, StudySummary, chance
 
 pytestmark = pytest.mark.usefixtures("small_parts")
 
@@ -134,6 +136,29 @@ def test_screen_and_picture_name_every_parameter(studied_folder, pkmcal):
     for name in ("arm0.x_mm", "arm3.backlash_deg", "plate_mm"):
         assert name in out
         assert f">{name}</text>" in drawn
+
+
+@pytest.mark.parametrize(
+    ("figures", "words"),
+    [
+        ((0.1, 0.1, 0.95), "stated σ are true, as far as 250 campaigns show (ratios from "),
+        ((0.2, 0.1, 0.8), "stated σ are too small: plate_mm found 2.00 × stated"),
+        ((0.093, 0.1, 0.9), "stated σ are too small: plate_mm covered 0.90 of 0.95"),
+        ((0.05, 0.1, 1.0), "stated σ are larger than need be: plate_mm found 0.50 × stated"),
+        ((0.1, 0.1, 1.0), "stated σ are larger than need be: plate_mm covered 1.00 of 0.95"),
+    ],
+)
+def test_the_last_line_names_the_figure_that_is_beyond_chance(figures, words):
+    std, stated, covered = figures
+    parameter = ParameterSummary("plate_mm", 0.0, std, stated, covered)
+    summary = StudySummary(250, 0, (parameter,), (), chance(1, 250), 0.01, 0.01)
+    assert honesty(summary).startswith(words)
+
+
+def test_of_few_campaigns_chance_has_no_lower_limit():
+    parameter = ParameterSummary("plate_mm", 0.0, 0.1, 0.1, 1.0)
+    summary = StudySummary(2, 0, (parameter,), (), chance(1, 2), 0.01, 0.01)
+    assert "(ratios up to 2.2" in honesty(summary)
 
 
 def without_cell(folder):

@@ -13,7 +13,13 @@ from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.identification.options import IdentificationOptions
 from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.robots.robot import find_robot
-from campaigns.studies.study import CampaignRow, StudySetup, planned_shots, simulate_campaigns
+from campaigns.studies.study import (
+    CampaignEstimate,
+    CampaignRow,
+    StudySetup,
+    planned_shots,
+    simulate_campaigns,
+)
 from campaigns.studies.summary import normal_scores, summarise
 from campaigns.studies.table import MOST_LINE_BYTES, StudyTable
 from drivers.values import Pose
@@ -90,6 +96,26 @@ def test_study_of_too_few_shots_or_of_failures_is_refused_with_the_reason():
     failures = [CampaignRow(number, failure="the mechanism broke") for number in range(3)]
     with pytest.raises(ShotsMissing, match="the mechanism broke"):
         summarise(["plate_mm"], failures)
+
+
+def rows_of(errors, stated):
+    """Campaigns with these errors and stated σ, (C, F), of as many parameters."""
+    return [
+        CampaignRow(number, estimate=CampaignEstimate(errors=e, std=s, position_mm=1, stated_mm=1))
+        for number, (e, s) in enumerate(zip(errors.tolist(), stated.tolist(), strict=True))
+    ]
+
+
+def test_parameter_that_never_moved_has_no_figures():
+    errors = np.random.default_rng(1).normal(size=(50, 3))
+    stated = np.ones((50, 3))
+    errors[:, 1], stated[:, 1] = 3e-18, 1e-17
+    rows = rows_of(errors, stated)
+    summary = summarise(["a", "backlash", "b"], rows)
+    assert summary.unseen == ("backlash",)
+    assert [parameter.name for parameter in summary.parameters] == ["a", "b"]
+    assert not summary.too_unsure
+    assert normal_scores(rows) == pytest.approx(errors[:, [0, 2]])
 
 
 def begin(table):
