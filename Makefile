@@ -56,7 +56,7 @@ test-lowest: .venv-lowest/installed
 test-pythons:
 	@failed=0; \
 	for version in 3.11 3.12 3.13 3.14; do \
-		command -v python$$version >/dev/null || { echo "== python$$version: not installed"; continue; }; \
+		python$$version --version >/dev/null 2>&1 || { echo "== python$$version: not installed"; continue; }; \
 		echo "== python$$version"; \
 		$(MAKE) test PYTHON=python$$version VENV=.venv-$$version || failed=1; \
 	done; \
