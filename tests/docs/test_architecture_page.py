@@ -1,6 +1,7 @@
 """The files that the pages for developers name are there, and the lines that they quote."""
 
 import re
+from importlib.util import find_spec
 
 import pytest
 from pages import ROOT, blocks_of
@@ -25,6 +26,17 @@ def test_every_class_that_contributors_are_referred_to_is_there():
     source = "\n".join(file.read_text(encoding="utf-8") for file in files)
     assert len(named) > 5
     assert [name for name in sorted(named) if f"class {name}" not in source] == []
+
+
+def test_every_command_that_contributors_are_referred_to_is_there():
+    text = CONTRIBUTING.read_text(encoding="utf-8")
+    targets = set(re.findall(r"(?:`|^)make ([a-z-]+)", text, re.MULTILINE))
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert len(targets) > 8
+    assert targets <= set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
+    modules = set(re.findall(r"(?:python -m |`)(benchmarks(?:\.\w+)+)", text))
+    assert len(modules) > 8
+    assert [name for name in sorted(modules) if find_spec(name) is None] == []
 
 
 def test_every_line_of_a_journey_is_in_the_file_that_it_names():
