@@ -32,6 +32,9 @@ SIZES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 """Sizes of a layer, in usual sizes, at which its evidence is summed: alike likely."""
 SIGNIFICANT = 2.0
 """Standard deviations of the score from which a layer's evidence is computed at all."""
+MOST_KNOTS = 300
+"""Most shots by whose places a layer's functions are made: their cost grows with the cube. They lie
+nearer to each other than the shots of usual campaigns; what is between them counts as unseen."""
 LEFT_OUT = 2
 """Shots left out from which layers are also judged with all shots in the fit."""
 
@@ -54,7 +57,9 @@ def likely_layers(fit: Fit) -> Iterator[Layer]:
 
 def candidate_layers(fit: Fit) -> list[Layer]:
     """Return the layers over the shots of a fit: three lengths of each set of coordinates."""
-    poses, joints = fit.observations.near[fit.usable], fit.observations.joints[fit.usable]
+    knots = np.flatnonzero(fit.usable)
+    knots = knots[np.linspace(0, len(knots) - 1, min(len(knots), MOST_KNOTS)).astype(np.intp)]
+    poses, joints = fit.observations.near[knots], fit.observations.joints[knots]
     radius = float(np.hypot(*(poses[:, :2] - poses[:, :2].mean(axis=0)).T).max())
     turn_mm = radius / 1.5
     places = place_coordinates(poses, turn_mm)

@@ -145,3 +145,10 @@ def test_shots_left_out_are_judged_with_the_others_once_there_are_two():
     one = replace(fit, good=np.r_[0.0, np.ones(39)])
     assert len(list(layers.likely_layers(one))) <= 1
     assert isinstance(proposals[-1], Layer)
+
+
+def test_of_many_shots_a_part_makes_the_functions_and_the_kink_is_found(kinked, monkeypatch):
+    monkeypatch.setattr(layers, "MOST_KNOTS", 25)
+    candidates = layers.candidate_layers(kinked)
+    assert {len(at) for layer in candidates for at in layer.shots} == {25}
+    assert any(layer.kind == "place" for layer in layers.likely_layers(kinked))
