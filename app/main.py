@@ -130,7 +130,7 @@ SECTIONS = {
     "Devices": "controller tracker offline controller-driver tracker-driver",
     "Points of other software": "joints join columns coordinates decimal encoding",
     "Safety": "yes dry force retry verify",
-    "Output": "plot to pdf csv plain json help",
+    "Output": "plot to pdf csv excel plain json help",
 }
 """Headings under which help lists options, by their names; all others stand under Options."""
 

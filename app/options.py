@@ -18,6 +18,8 @@ import typer
 from app.console import Terminal
 from campaigns.campaign import Campaign, CampaignFolder, open_campaign, open_folder
 from campaigns.errors import OptionsInvalid
+from campaigns.files.csv_file import spreadsheet_text
+from campaigns.files.text_file import replace_text
 from campaigns.files.wording import shown
 from campaigns.kinematics.axes import Axis
 from campaigns.robots.program import ProgramUntrusted, trust
@@ -58,6 +60,14 @@ Anew = Annotated[
 Plain = Annotated[
     bool, typer.Option("--plain", help="Print lines instead of the screen; keys do nothing.")
 ]
+Excel = Annotated[
+    bool,
+    typer.Option(
+        "--excel",
+        help="Write CSV as spreadsheets with decimal commas open it: semicolons, UTF-8 with its "
+        "mark. Those with decimal points open it without.",
+    ),
+]
 
 
 Turns = Annotated[
@@ -70,6 +80,12 @@ Turns = Annotated[
 ]
 REFLECTOR_HELP = "Reflector on the plate from the controlled point, mm, if it was measured."
 REFLECTOR_METAVAR = "X,Y,Z"
+
+
+def for_spreadsheets(paths: Iterable[Path]) -> None:
+    """Rewrite CSV files as spreadsheets with decimal commas open them; raise `WriteFailed`."""
+    for path in paths:
+        replace_text(path, spreadsheet_text(path.read_text(encoding="utf-8")))
 
 
 def read_place(text: str) -> Vector3:

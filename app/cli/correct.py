@@ -9,7 +9,7 @@ import typer
 
 from app.console import Terminal
 from app.next import tell_next
-from app.options import Force, Turns, ask_turns
+from app.options import Excel, Force, Turns, ask_turns, for_spreadsheets
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME
 from campaigns.workflow.correction import correct_file
@@ -53,6 +53,7 @@ def command(
     poses: Poses,
     turns: Turns = None,
     to: To = None,
+    excel: Excel = False,
     force: Force = False,
 ) -> None:
     """Correct targets for a controller that keeps its nominal parameters.
@@ -66,6 +67,7 @@ def command(
     path = to or poses.parent / f"{poses.stem}{CORRECTED}{poses.suffix}"
     turns = ask_turns(terminal, turns, poses, campaign.robot.mechanism.task)
     corrected = correct_file(campaign, poses, path, robot, turns=turns, overwrite=force)
+    for_spreadsheets([path] if excel else ())
     mean_mm, max_mm = corrected.correction_mm
     terminal.say(f"written: {path}")
     poses_word = "pose" if corrected.targets == 1 else "poses"

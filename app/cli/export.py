@@ -9,9 +9,10 @@ import typer
 
 from app.console import Terminal
 from app.next import tell_next
-from app.options import Force
+from app.options import Excel, Force, for_spreadsheets
 from campaigns.campaign import Campaign
 from campaigns.controllers.delta_firmware import FIRMWARE, has_firmware
+from campaigns.errors import OptionsInvalid
 from campaigns.workflow import exporting
 
 Format = Literal["yaml", "linuxcnc", "plain", "klipper", "marlin", "reprap", "shots"]
@@ -51,6 +52,7 @@ def command(
             "the firmware of a Delta printer. shots: the measured shots.",
         ),
     ] = "yaml",
+    excel: Excel = False,
     force: Force = False,
 ) -> None:
     """Write the identified parameters as a robot file.
@@ -64,9 +66,15 @@ def command(
     error is shown beside that of all parameters. z = 0 of a printer is its bed, if heights of it
     were imported. Marlin and RepRapFirmware (reprap) get M665 and M666, whose signs differ.
     """
+    if excel and format_ != "shots":
+        raise OptionsInvalid(
+            f"--excel is for a CSV file, and --format {format_} writes none",
+            remedy="add --format shots, or leave it out",
+        )
     left_mm = None
     if format_ == "shots":  # what was measured, not what was identified
         path, halves = exporting.export_shots(campaign, to, overwrite=force)
+        for_spreadsheets([path] if excel else ())
         if halves:
             terminal.note(f"left out because their pair is incomplete: shots {halves}")
     elif format_ == "plain":

@@ -7,8 +7,9 @@ from typing import Annotated
 import typer
 
 from app.console import Terminal
+from app.options import Excel, for_spreadsheets
 from campaigns.errors import OptionsInvalid
-from campaigns.files.csv_file import BYTE_ORDER_MARK, csv_text, number_text
+from campaigns.files.csv_file import csv_text, number_text
 from campaigns.files.table import NOTHING, Column, words
 from campaigns.files.text_file import replace_text
 from campaigns.workflow.history import Epoch, ParameterError, history, readable_campaign
@@ -18,10 +19,6 @@ Folders = Annotated[
 ]
 CsvFile = Annotated[
     Path | None, typer.Option("--csv", metavar="FILE", help="Also write all parameters as CSV.")
-]
-Excel = Annotated[
-    bool,
-    typer.Option("--excel", help="With --csv: begin the file as spreadsheets read it as UTF-8."),
 ]
 Named = tuple[int, ParameterError]
 """Error of a parameter with the number of its epoch."""
@@ -80,7 +77,8 @@ def command(
     columns = (*ERRORS, MODEL) if any(error.by_older_model for _, error in errors) else ERRORS
     terminal.rows("Parameters: identified minus nominal", columns, errors)
     if csv is not None:
-        replace_text(csv, (BYTE_ORDER_MARK if excel else "") + parameters_csv(epochs, list(names)))
+        replace_text(csv, parameters_csv(epochs, list(names)))
+        for_spreadsheets([csv] if excel else ())
         terminal.say(f"written: {csv}")
     terminal.conclude({"epochs": epochs})
 

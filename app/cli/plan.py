@@ -9,7 +9,7 @@ from pathlib import Path
 from app import plan_text
 from app.console import WARNING, Terminal
 from app.next import tell_next
-from app.options import Plot
+from app.options import Excel, Plot, for_spreadsheets
 from app.report.tables import DETERMINED
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid
@@ -88,6 +88,7 @@ def command(
     programs: ProgramOptions,
     *,
     plot: Plot = None,
+    excel: Excel = False,
 ) -> None:
     """Choose the poses to measure and write plan.csv.
 
@@ -113,7 +114,7 @@ def command(
     """
     # --program alone writes the existing plan in another form: it may be measured in part already
     if programs.program and campaign.plan_path.exists() and options == PlanOptions() and not plot:
-        written = _write_programs(terminal, campaign, programs)
+        written = _write_programs(terminal, campaign, programs, excel=excel)
         terminal.conclude(ProgramsAnswer(written), tell_next(terminal, campaign))
         return
     if options.shots == 0:
@@ -123,6 +124,7 @@ def command(
                 remedy="leave them out",
             )
         observations = plan_without_shots(campaign, options)
+        for_spreadsheets([observations.path] if excel and observations.path else ())
         show_observations(terminal, observations)
         _tell_written(terminal, observations)
         terminal.conclude(observations_answer(observations), tell_next(terminal, campaign))
@@ -130,6 +132,8 @@ def command(
     with terminal.telling("reading the campaign") as now_at:
         planned = plan(campaign, options, now_at)
     until_mm = None if options.until is None else read_goal(options.until)
+    observed_at = planned.observations.path if planned.observations is not None else None
+    for_spreadsheets(filter(None, (campaign.plan_path, observed_at)) if excel else ())
     show(terminal, campaign, planned, until_mm)
     terminal.say(f"written: {campaign.plan_path}")
     if planned.older is not None:
@@ -141,8 +145,9 @@ def command(
 
         plot_plan(plot, planned.checked.shots, planned.forecast, campaign.space)
         terminal.say(f"drawn: {plot}")
-    written = _write_programs(terminal, campaign, programs) if programs.program else ()
-    answer = plan_answer(campaign, planned, until_mm, written)
+    wanted = programs.program is not None
+    of_stages = _write_programs(terminal, campaign, programs, excel=excel) if wanted else ()
+    answer = plan_answer(campaign, planned, until_mm, of_stages)
     terminal.conclude(answer, tell_next(terminal, campaign))
 
 
@@ -161,10 +166,12 @@ def _tell_way_back(terminal: Terminal, what: str, older: Path, path: Path) -> No
 
 
 def _write_programs(
-    terminal: Terminal, campaign: Campaign, options: ProgramOptions
+    terminal: Terminal, campaign: Campaign, options: ProgramOptions, *, excel: bool
 ) -> Sequence[WrittenProgram]:
     """Write the tables of poses and joints, and print their names."""
     written = write_programs(campaign, options)
+    paths = [path for program in written for path in (program.path, program.joints_path)]
+    for_spreadsheets(paths if excel else ())
     for program in written:
         for note in program.notes:
             terminal.note(note)

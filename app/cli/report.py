@@ -12,7 +12,9 @@ import typer
 
 from app.console import BAD, DECISIONS, Terminal
 from app.next import tell_next, tell_who_works
+from app.options import Excel, for_spreadsheets
 from app.report.terminal_text import limits_met
+from app.report.values import COLUMNS, reported_values, values_csv
 from campaigns.campaign import Campaign, now_utc
 from campaigns.errors import OptionsInvalid, OutputExists, WriteFailed
 from campaigns.evidence import evaluate
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 FILE_NAME = "report.html"
 VERDICT = re.compile(rb'id="verdict" class="([a-z-]+)"')
 """Place of the verdict on a page."""
+TABLE_SUFFIX = ".csv"
+"""End of the name of a report's figures."""
 HEAD_BYTES = 1000
 """Bytes at the beginning of a file that show whether it is a report."""
 
@@ -50,6 +54,10 @@ def command(
     pdf: Annotated[
         bool, typer.Option("--pdf", help="Also a PDF beside it, printed by an installed browser.")
     ] = False,
+    csv: Annotated[
+        bool, typer.Option("--csv", help="Also a CSV file of the figures beside it, a row each.")
+    ] = False,
+    excel: Excel = False,
 ) -> None:
     """Write the report: the whole campaign on one page.
 
@@ -58,8 +66,15 @@ def command(
     older report is replaced, any other file is not; one that said pass or fail and no longer would
     is kept under another name.
 
+    `--csv` writes the figures with their U, σ, limits and decisions for other programs: names and
+    units in columns, each row with the campaign's name. `--json` prints the same as `values`.
+
     Exit code 1: the verdict is fail.
     """
+    if excel and not csv:
+        raise OptionsInvalid("--excel is for a CSV file", remedy="add --csv, or leave it out")
+    if csv:
+        _refuse_other_table(to or campaign.path(FILE_NAME))
     browser = find_browser() if pdf else None  # before the work: without one nothing is written
     tell_who_works(terminal, campaign)
     with terminal.telling("reading the campaign and drawing the figures"):
@@ -78,6 +93,12 @@ def command(
     for text in page.missing:
         terminal.note(f"missing: {text}")
     terminal.say(f"Open {path.resolve().as_uri()}")
+    values = reported_values(page.evaluation)
+    if csv:
+        table = path.with_suffix(TABLE_SUFFIX)
+        replace_text(table, values_csv(campaign.config.name, values))
+        for_spreadsheets([table] if excel else ())
+        terminal.say(f"written: {table}")
     if browser is not None:
         with terminal.telling(f"printing by {browser}"):
             print_by_browser(browser, path, path.with_suffix(".pdf"))
@@ -88,6 +109,7 @@ def command(
         "reasons": verdict.reasons,
         "missing": page.missing,
         "figures": page.figures,
+        "values": values,
         "former": former,
     }
     following = tell_next(terminal, campaign, reported=True, evaluation=page.evaluation)
@@ -129,7 +151,7 @@ def report(campaign: Campaign, to: Path | None = None) -> "tuple[Page, Path, For
 # A report that was delivered may be the only copy of what was said of the robot. A page that
 # decided nothing is made again and again on the way, and a pile of those would hide the others.
 def _keep_former(path: Path, decision: str) -> FormerReport | None:
-    """Move a report aside, its PDF too, that passed or failed where the new one decides otherwise.
+    """Move a report aside, with PDF and CSV, that passed or failed where the new one does not.
 
     Return None without a report, or with the same verdict. Raise `WriteFailed`.
     """
@@ -143,27 +165,48 @@ def _keep_former(path: Path, decision: str) -> FormerReport | None:
         return FormerReport(former, path, None)
     kept = move_aside(path)
     move_aside(path.with_suffix(".pdf"))
+    if _is_table(path.with_suffix(TABLE_SUFFIX)):
+        move_aside(path.with_suffix(TABLE_SUFFIX))
     return FormerReport(former, path, kept)
 
 
-def _is_report(path: Path) -> bool:
-    """Return whether a file can be read and begins as our reports do."""
+def _head_of(path: Path) -> bytes:
+    """Return the beginning of a file; empty if it cannot be read."""
     if not is_file(path):
-        return False
+        return b""
     try:
         with path.open("rb") as file:
-            return b'name="generator" content="pkmcal' in file.read(HEAD_BYTES)
+            return file.read(HEAD_BYTES)
     except OSError:
-        return False
+        return b""
+
+
+def _is_table(path: Path) -> bool:
+    """Return whether a file begins as the figures of a report do, for spreadsheets or not."""
+    heads = [column.head for column in COLUMNS]
+    return any(mark.join(heads).encode() in _head_of(path) for mark in ",;")
 
 
 def _refuse_other_file(path: Path) -> None:
     """Raise `OutputExists` for a file that exists and is no report."""
-    if not is_there(path):
-        return
-    if not _is_report(path):
+    if is_there(path) and b'name="generator" content="pkmcal' not in _head_of(path):
         raise OutputExists(
             f"{path} already exists and is no report", remedy="name another, or move this one away"
+        )
+
+
+def _refuse_other_table(page: Path) -> None:
+    """Raise `OutputExists` if a page's figures would replace another file, or the page itself."""
+    path = page.with_suffix(TABLE_SUFFIX)
+    if path == page:
+        raise OptionsInvalid(
+            f"--csv writes {path.name}, which is the page's name too",
+            remedy="let the page's name end in .html",
+        )
+    if is_there(path) and not _is_table(path):
+        raise OutputExists(
+            f"{path} already exists and has no figures of a report",
+            remedy="name another page with --to, or move this file away",
         )
 
 

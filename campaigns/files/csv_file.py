@@ -13,7 +13,9 @@ read with patience and meaning strictly:
 
 Numbers are written with the shortest decimals that give the same double, so
 reading and writing again changes nothing. A text that begins like a formula is written with a `'`
-before it: a spreadsheet that opens the file must not calculate what an operator typed.
+before it: a spreadsheet that opens the file must not calculate what an operator typed. Spreadsheets
+of countries with decimal commas open such a file as one column of texts: `spreadsheet_text` writes
+it as they do, and as it is read here again.
 """
 
 import csv
@@ -249,6 +251,22 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     writer.writerow(header)
     writer.writerows([_mark(_one_line(value)) for value in row] for row in rows)
     return stream.getvalue()
+
+
+def spreadsheet_text(text: str) -> str:
+    """Return a file's text from `csv_text` as spreadsheets with decimal commas open it.
+
+    Columns are separated by semicolons, numbers have commas, and a mark states that it is UTF-8.
+    """
+    rows = csv.reader(io.StringIO(text, newline=""))
+    stream = io.StringIO()
+    writer = csv.writer(stream, delimiter=";", lineterminator="\n")
+    writer.writerows([_with_comma(value) for value in row] for row in rows)
+    return BYTE_ORDER_MARK + stream.getvalue()
+
+
+def _with_comma(text: str) -> str:
+    return text.replace(".", ",") if NUMBER.fullmatch(text) else text
 
 
 def _separator(text: str, form: CsvForm) -> str:

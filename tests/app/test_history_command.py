@@ -73,7 +73,10 @@ def test_parameters_of_campaigns_stand_in_a_table_by_date(pkmcal, march, tmp_pat
     assert [float(own[f"{title} std"]) for title in titles] == pytest.approx(std, abs=1e-9)
     assert len(rows) == len(epochs[0]["parameters"])
     pkmcal("history", *folders, "--csv", table, "--excel")
-    assert table.read_bytes().startswith(b"\xef\xbb\xbfparameter,unit,")
+    assert table.read_bytes().startswith(b"\xef\xbb\xbfparameter;unit;")
+    (drifting,) = [line for line in table.read_text().splitlines() if line.startswith(DRIFTING)]
+    shown = [float(cell.replace(",", ".")) for cell in drifting.split(";")[2::2]]
+    assert shown == pytest.approx(deltas, abs=1e-9)
     shown = pkmcal("history", *folders).out
     assert "identified minus nominal" in shown
     assert shown.count(DRIFTING) == 2

@@ -1,5 +1,6 @@
 """`pkmcal report` as a command."""
 
+import csv
 import json
 import os
 import re
@@ -93,6 +94,8 @@ def test_a_report_that_passed_or_failed_is_kept_where_the_new_one_decides_otherw
     assert pkmcal("report", paper.folder, "--json").document["former"] is None, "the same again"
     delivered = (paper.folder / "report.html").read_bytes()
     (paper.folder / "report.pdf").write_bytes(b"%PDF")
+    pkmcal("report", paper.folder, "--csv")
+    figures = (paper.folder / "report.csv").read_bytes()
     settings = paper.folder / "campaign.yaml"
     text = re.sub(r"(repeatability_mm:) \S*e-06", r"\1 100.0", settings.read_text())
     settings.write_text(text)
@@ -100,3 +103,93 @@ def test_a_report_that_passed_or_failed_is_kept_where_the_new_one_decides_otherw
     assert "report.html said fail before: kept as report-older-1.html" in ended.out
     assert (paper.folder / "report-older-1.html").read_bytes() == delivered
     assert (paper.folder / "report-older-1.pdf").exists()
+    assert (paper.folder / "report-older-1.csv").read_bytes() == figures
+
+
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a campaign with validations and limits, of which one is met and one is not set."""
+    acceptance = AcceptanceConfig(distance_mean_mm=12.5, repeatability_mm=1e-6)
+    paper = new_campaign(tmp_path_factory.mktemp("values") / "c", acceptance=acceptance)
+    paper.run(pairs=20, unseen=4)
+    paper.identify()
+    paper.validate("before")
+    paper.validate("after")
+    return paper.folder
+
+
+def rows_of(text: str, mark: str = ",") -> list[dict[str, str]]:
+    """Rows of a CSV file by heading."""
+    return [*csv.DictReader(text.splitlines(), delimiter=mark)]
+
+
+def test_figures_of_the_page_are_rows_of_a_csv_file_and_values_of_the_document(
+    pkmcal, identified: Path
+) -> None:
+    ended = pkmcal("report", identified, "--csv", "--json")
+    path = identified / "report.csv"
+    assert f"written: {path}" in ended.err
+    rows, values = rows_of(path.read_text(encoding="utf-8")), ended.document["values"]
+    assert {row.pop("campaign") for row in rows} == {"paper"}
+    as_text = [{key: "" if of is None else str(of) for key, of in row.items()} for row in values]
+    assert [row["name"] for row in rows] == [row["name"] for row in values]
+    for row, value in zip(rows, as_text, strict=True):
+        numbers = {key for key, text in row.items() if text and key not in WORDS}
+        assert {key: float(row[key]) for key in numbers} == {
+            key: float(value[key]) for key in value if value[key] and key not in WORDS
+        }
+        assert {key: row[key] for key in WORDS} == {key: value[key] for key in WORDS}
+    by_name = {(row["table"], row["name"], row["stage"]): row for row in values}
+    assert by_name["verdict", "campaign", ""]["decision"] == "fail"
+    mean = by_name["limits", "distances_mean_error", "after"]
+    assert (mean["limit"], mean["decision"], mean["unit"]) == (12.5, "pass", "mm")
+    assert mean["value"] + mean["expanded_uncertainty"] <= 12.5
+    assert by_name["limits", "repeatability_radius_of_the_sphere", "after"]["decision"] == "fail"
+    assert by_name["limits", "rotation", "after"]["decision"] is None
+    of_stage = by_name["stages", "distances_mean_error", "after"]
+    assert of_stage["expanded_uncertainty"] == pytest.approx(mean["expanded_uncertainty"])
+    before = by_name["stages", "distances_mean_error", "before"]["value"]
+    change = by_name["stages", "distances_mean_error", "change"]
+    assert change["value"] == pytest.approx(mean["value"] - before)
+    assert 0.0 < change["expanded_uncertainty"] < 1.0
+    shares = [row["std"] for row in values if row["table"] == "budget" and row["type"]]
+    combined = by_name["budget", "combined", ""]["std"]
+    assert combined == pytest.approx(sum(share**2 for share in shares) ** 0.5)
+    offset = by_name["parameters", "arm2.joint_offset_deg", ""]
+    assert offset["unit"] == "deg"
+    assert offset["value"] - offset["nominal"] == pytest.approx(0.4, abs=4.0 * offset["std"])
+    assert not any(" " in row["name"] for row in values)
+
+
+WORDS = ("table", "name", "stage", "unit", "decision", "type")
+"""Columns of the figures that are no numbers."""
+
+
+def test_figures_for_spreadsheets_have_semicolons_and_decimal_commas(
+    pkmcal, identified: Path
+) -> None:
+    page, table = identified / "other.html", identified / "other.csv"
+    assert "written" in pkmcal("report", identified, "--to", page, "--csv", "--excel").out
+    assert table.read_bytes().startswith(b"\xef\xbb\xbfcampaign;table;name;")
+    (mean,) = [
+        row
+        for row in rows_of(table.read_text(encoding="utf-8-sig"), ";")
+        if (row["table"], row["name"]) == ("limits", "distances_mean_error")
+    ]
+    assert mean["limit"] == "12,5"
+    assert pkmcal("report", identified, "--to", page, "--csv").code == 1, "ours is replaced"
+    assert table.read_text(encoding="utf-8").startswith("campaign,table,")
+
+
+def test_no_other_file_is_replaced_by_figures(pkmcal, tmp_path: Path) -> None:
+    folder = new_campaign(tmp_path / "c").folder
+    plan = folder / "plan.csv"
+    plan.write_text("shot,set\n")
+    refused = pkmcal("report", folder, "--to", folder / "plan.html", "--csv")
+    assert refused.code == 2
+    assert "has no figures of a report" in refused.error_line
+    assert plan.read_text() == "shot,set\n"
+    assert not (folder / "plan.html").exists()
+    refused = pkmcal("report", folder, "--to", folder / "new.csv", "--csv")
+    assert "end in .html" in refused.error_line
+    assert "add --csv" in pkmcal("report", folder, "--excel").error_line

@@ -17,6 +17,7 @@ from campaigns.files.csv_file import (
     number_column,
     number_text,
     parse_csv,
+    spreadsheet_text,
     whole_column,
 )
 
@@ -174,3 +175,27 @@ def test_a_line_longer_than_any_instrument_writes_is_refused_with_its_number():
     text = "a,b\n" + "1," * 1_000_000
     with pytest.raises(ShotsInvalid, match=r"f\.csv:2: has 2000000 characters"):
         list(parse_csv(text, "f.csv", FORM))
+
+
+@given(st.lists(st.tuples(st.integers(0, 99), st.floats(-1e6, 1e6), st.sampled_from(FORMULAS))))
+def test_a_file_for_spreadsheets_with_decimal_commas_comes_back(rows):
+    # a number that a comma cuts into groups alone is unclear without others: one is there for sure
+    rows = [(0, 0.5, "a;b"), *rows]
+    text = MEASURED.text([dict(zip(("shot", "x_mm", "set"), row, strict=True)) for row in rows])
+    written = spreadsheet_text(text).encode()
+    assert written.startswith(b'\xef\xbb\xbfshot;x_mm;set\n0;0,5;"a;b"\n')
+    back = parse_csv(written.decode("utf-8-sig"), "f", MEASURED)
+    assert [(*row.values(("shot", "x_mm")), row.text("set")) for row in back] == rows
+
+
+@pytest.mark.parametrize(
+    ("text", "written"),
+    [
+        ("-2.5e-05", "-2,5e-05"),
+        ("p1.2.3", "p1.2.3"),
+        ("2026-03-02T09:15:00.5", "2026-03-02T09:15:00.5"),
+        ("'=1.5", "'=1.5"),
+    ],
+)
+def test_only_numbers_get_decimal_commas(text, written):
+    assert spreadsheet_text(f"a,b\n{text},x\n") == f"\ufeffa;b\n{written};x\n"
