@@ -20,6 +20,7 @@ from drivers.errors import ExplainedError
 from drivers.texts import printable, shortened
 
 Encoding = Literal["utf-8", "utf-16", "cp1252"]
+SAVE_AS_UTF8 = "save the file as plain text in UTF-8"
 
 MEGABYTE = 1_000_000
 YAML_BYTES = MEGABYTE
@@ -113,10 +114,7 @@ def _check_kind(path: Path) -> None:
 
 
 def decoded(
-    data: bytes,
-    name: str,
-    encoding: Encoding | None = None,
-    remedy: str = "save the file as plain text in UTF-8",
+    data: bytes, name: str, encoding: Encoding | None = None, remedy: str = SAVE_AS_UTF8
 ) -> str:
     """Decode a text by its byte-order mark, else the encoding given, else UTF-8.
 

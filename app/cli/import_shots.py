@@ -128,11 +128,12 @@ def command(
     decimal: Annotated[
         DecimalSign | None,
         typer.Option(
-            help="For points: the decimal sign; if given, thousands separators are read, too."
+            help="Decimal sign, also of the joints' file. Default: as the numbers show; needed if "
+            "each can be read in two ways."
         ),
     ] = None,
     encoding: Annotated[
-        Encoding | None, typer.Option(help="For points without a byte-order mark. Default: utf-8.")
+        Encoding | None, typer.Option(help="Of files without a byte-order mark. Default: utf-8.")
     ] = None,
     turns: Turns = None,
     skip: Annotated[
@@ -240,7 +241,7 @@ def command(
             )
         _import_observations(terminal, campaign, file, force=force)
         return
-    if form is None and not holds_joints(file, campaign.robot.mechanism):
+    if form is None and not holds_joints(file, campaign.robot.mechanism, encoding):
         source = replace(source, points=True)
     # 2. read it: rows with joints in both cases, lengths in mm
     rows, terms = _read(terminal, campaign, source, stage)
@@ -292,23 +293,22 @@ def _read(
         points = _read_asking(terminal, file, replace(source.form, unit=source.unit))
         read_in = points.unit
         turns = ask_turns(terminal, source.turns, joints, mechanism.task)
-        at_joints = read_joints(joints, mechanism, default, turns)
+        at_joints = read_joints(joints, mechanism, default, turns, source.form)
         skipped = skipped_names(points, at_joints, source.skip)
         rows, joined = join_rows(points, at_joints, source.join, frozenset(skipped))
         for note in (*points.notes, joined):
             terminal.note(note)
         if skipped:
             terminal.note(f"left out: {len(skipped)} shots: {listed(skipped, LISTED)}")
-    elif joints or source.skip or source.form != PointFormat():
+    elif joints or source.skip or source.form.columns or source.form.coordinates:
         raise OptionsInvalid(
-            "--joints, --columns, --coordinates, --decimal, --encoding and --skip are for point "
-            "files of other software",
+            "--joints, --columns, --coordinates and --skip are for point files of other software",
             remedy="add --format ascii, or leave them out; delete rows that are not to be imported",
         )
     else:
         read_in = source.unit or "mm"
         turns = ask_turns(terminal, source.turns, file, mechanism.task)
-        shots = read_shots(file, mechanism, default, turns)
+        shots = read_shots(file, mechanism, default, turns, source.form)
         rows = tuple(in_unit(shots, MM_PER_UNIT[read_in]))
     files = tuple(ImportedFile.of(path) for path in (file, joints) if path is not None)
     terms = ImportTerms(

@@ -10,7 +10,10 @@ import csv
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Literal
+
+from drivers.bounded_files import Encoding
 
 DecimalSign = Literal["point", "comma"]
 SEPARATORS: Mapping[str, str] = {";": "semicolons", "\t": "tabs", ",": "commas", "": "blanks"}
@@ -19,13 +22,22 @@ NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 """Number as files hold it; matched in a time that grows with the text's length, not its square."""
 WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 GROUPED = re.compile(
-    r"[+-]?\d{1,3}(?P<mark>[.,'’ \u00a0\u2009\u202f])\d{3}(?:(?P=mark)\d{3})*(?P<rest>[.,]\d*)?",
+    r"[+-]?[1-9]\d{0,2}(?P<mark>[.,'’ \u00a0\u2009\u202f])\d{3}(?:(?P=mark)\d{3})*"
+    r"(?P<rest>[.,]\d*)?",
     re.ASCII,
 )
 """Number with thousands separators: an apostrophe or a blank of any width, too."""
-_LEADING_ZERO = re.compile(r"[+-]?0")
 _FOREIGN = re.compile(r"([+-]?[\d.,]+)(?:[dD]([+-]\d+))?\s*°?", re.ASCII)
 """Number with the exponent's sign of Fortran, or with a sign of degrees."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Notation:
+    """What a user states of how a table is written; None in a field: the table shows it."""
+
+    decimal: DecimalSign | None = None
+    """Decimal sign; the other one groups thousands then."""
+    encoding: Encoding | None = None
 
 
 def split_line(line: str, separator: str) -> tuple[str, ...]:
@@ -85,18 +97,28 @@ def number_value(text: str, decimal: DecimalSign | None) -> float | None:
 def decimal_sign(texts: Iterable[str]) -> DecimalSign | None:
     """Return the decimal sign of a table's numbers, which is one for all; None if unclear.
 
-    A comma before three digits may group thousands, but not after a 0 or after four digits, and
-    numbers with decimal points beside it make it unclear.
+    Numbers that can be read in one way alone decide: 1.5, 0.125, 1,5, 1.234,5. Thousands may be
+    grouped by the other sign if such a number is: beside 2.5, 1,234 may be two things.
     """
     numbers = [text for cell in texts if (text := plain(cell)) and ("," in text or "." in text)]
-    if any(NUMBER.fullmatch(text) for text in numbers):
+    signs = {text: _sure_sign(text) for text in numbers if is_number(text)}
+    sure = {sign for sign in signs.values() if sign is not None}
+    if len(sure) != 1:
         return None
-    return "comma" if any(map(_is_decimal_comma, numbers)) else None
+    sign = sure.pop()
+    mark = "," if sign == "point" else "."
+    of_mark = {signs[text] for text in signs if mark in text}
+    return None if of_mark == {None} else sign
 
 
-def _is_decimal_comma(text: str) -> bool:
-    """Return whether a number's comma can only be the decimal sign."""
+def _sure_sign(text: str) -> DecimalSign | None:
+    """Return the decimal sign of a number that can be read in one way alone."""
     grouped = GROUPED.fullmatch(text)
-    if grouped is None or _LEADING_ZERO.match(text):
-        return WITH_COMMA.fullmatch(text) is not None
-    return (grouped["rest"] or "").startswith(",")
+    if grouped is None:
+        return "comma" if "," in text else "point"
+    mark, end = grouped["mark"], grouped["rest"] or ""
+    if end and end[0] != mark:  # 1.234,5
+        return "comma" if end[0] == "," else "point"
+    if mark in ".," and text.count(mark) > 1:  # 1.234.567
+        return "point" if mark == "," else "comma"
+    return None

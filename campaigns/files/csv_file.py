@@ -54,7 +54,6 @@ _SEPARATOR_LINE = re.compile(r'"?sep=([;,\t]?)"?', re.I)
 """Line that states the separator for a spreadsheet."""
 _NUMBERED = re.compile(r"(.*[^\W\d].*?|[^\W\d])(\d{1,2})(\D*)")
 """Heading with a number in it: what stands before, the number, what stands behind."""
-_POINT_REMEDY = "write decimal points and separate the columns by commas"
 
 
 def number_text(value: float) -> str:
@@ -134,11 +133,17 @@ class CsvForm:
     invalid: type[CampaignError]
     numbered: tuple[str, ...] = ()
     """Columns that other software numbers in its way, such as J1, J2, J3, in their order."""
+    if_unclear: str = "write decimal points and separate the columns by commas"
+    """Remedy for numbers with commas that may be read in two ways."""
 
     @property
     def required(self) -> list[str]:
         """Names of the columns that a file must have."""
         return [column.name for column in self.columns if column.required]
+
+    def column(self, name: str) -> CsvColumn:
+        """Return the column of a name."""
+        return next(column for column in self.columns if column.name == name)
 
     def text(self, rows: Sequence[Mapping[str, object]]) -> str:
         """Write values by column, None or "" where there is none.
@@ -163,8 +168,7 @@ class CsvRow:
 
     where: str
     texts: Mapping[str, str]
-    columns: Mapping[str, CsvColumn]
-    invalid: type[CampaignError]
+    form: CsvForm
     decimal: DecimalSign | None = None
     """Decimal sign of the file's numbers; None: a point."""
 
@@ -177,7 +181,7 @@ class CsvRow:
 
         Any: columns hold numbers and texts.
         """
-        text, column = self.text(name), self.columns[name]
+        text, column = self.text(name), self.form.column(name)
         for notation in (text, point_text(text, self.decimal)):
             if notation is not None and (value := column.read(notation)) is not None:
                 return value
@@ -185,10 +189,16 @@ class CsvRow:
             word = "empty" if name in self.texts else "missing"
             raise self.wrong(f"{name} is {word}", remedy=f"give {column.wanted}")
         if WITH_COMMA.fullmatch(text):
-            raise self.wrong(f"{name} is '{shown(text)}', a decimal comma", remedy=_POINT_REMEDY)
+            problem = f"{name} is '{shown(text)}', a decimal comma"
+            raise self.wrong(problem, remedy=self.form.if_unclear)
         raise self.wrong(
             f"{name} is '{shown(text)}', must be {column.wanted}", remedy="correct the value"
         )
+
+    def notation(self, name: str) -> str:
+        """Return the text of a column, with a decimal point if it is a number."""
+        text = self.text(name)
+        return point_text(text, self.decimal) or text
 
     def values(self, names: Iterable[str]) -> tuple[Any, ...]:
         """Return the values of several columns; raise `invalid` as `value` does."""
@@ -196,11 +206,16 @@ class CsvRow:
 
     def wrong(self, problem: str, *, remedy: str) -> CampaignError:
         """Return the error of this file's kind, with the line before the problem."""
-        return self.invalid(f"{self.where}: {problem}", remedy=remedy)
+        return self.form.invalid(f"{self.where}: {problem}", remedy=remedy)
 
 
-def parse_csv(text: str, name: str, form: CsvForm) -> Iterator[CsvRow]:
-    """Yield the rows of a file whose first line names its columns; raise `form.invalid`."""
+def parse_csv(
+    text: str, name: str, form: CsvForm, decimal: DecimalSign | None = None
+) -> Iterator[CsvRow]:
+    """Yield the rows of a file whose first line names its columns; raise `form.invalid`.
+
+    `decimal` is the sign of its numbers; None: as the numbers show.
+    """
     check_lines(text, name, form.invalid)
     lines = [*_filled_lines(text, name, _separator(text, form), form)]
     where, cells = lines[0] if lines else (f"{name}:1", [])
@@ -208,13 +223,12 @@ def parse_csv(text: str, name: str, form: CsvForm) -> Iterator[CsvRow]:
     _check_header(header, where, form)
     rows = [(row, _as_long(values, header)) for row, values in lines[1:] if values != cells]
     numbers = [place for place, heading in enumerate(header) if _is_of_numbers(heading, form)]
-    decimal = decimal_sign(values[i] for _, values in rows for i in numbers if i < len(values))
-    columns = {column.name: column for column in form.columns}
+    decimal = decimal or decimal_sign(v[i] for _, v in rows for i in numbers if i < len(v))
     for where, values in rows:
         if len(values) != len(header):
-            raise _length_error(values, header, where, form.invalid)
+            raise _length_error(values, header, where, form)
         texts = dict(zip(header, map(_unmark, values), strict=True))
-        yield CsvRow(where, texts, columns, form.invalid, decimal)
+        yield CsvRow(where, texts, form, decimal)
 
 
 def column_names(text: str, form: CsvForm) -> list[str]:
@@ -429,10 +443,11 @@ def _unknown_column(column: str, header: Sequence[str], where: str, form: CsvFor
     return form.invalid(f"{where}: unknown column '{shown(column)}'", remedy=remedy)
 
 
-def _length_error(
-    values: list[str], header: list[str], where: str, invalid: type[CampaignError]
-) -> CampaignError:
+def _length_error(values: list[str], header: list[str], where: str, form: CsvForm) -> CampaignError:
     problem = f"{where}: {len(values)} values for {len(header)} columns"
     if len(values) > len(header):
-        return invalid(f"{problem}: perhaps decimal commas", remedy=_POINT_REMEDY)
-    return invalid(problem, remedy="give every column a value, or leave its place empty")
+        return form.invalid(
+            f"{problem}: perhaps decimal commas",
+            remedy="write decimal points, or separate the columns by semicolons",
+        )
+    return form.invalid(problem, remedy="give every column a value, or leave its place empty")

@@ -19,19 +19,35 @@ import os
 from pathlib import Path, PurePath
 
 from campaigns.errors import CampaignError, OutputExists, WriteFailed
-from drivers.bounded_files import YAML_BYTES, FileMissing, FileRefused, decoded, read_bounded
+from drivers.bounded_files import (
+    SAVE_AS_UTF8,
+    YAML_BYTES,
+    Encoding,
+    FileMissing,
+    FileRefused,
+    decoded,
+    read_bounded,
+)
 from drivers.system import IS_WINDOWS, is_open_elsewhere, problem_on_windows
 
 
 def read_text(
-    path: Path, invalid: type[CampaignError], *, if_missing: str, most_bytes: int = YAML_BYTES
+    path: Path,
+    invalid: type[CampaignError],
+    *,
+    if_missing: str,
+    most_bytes: int = YAML_BYTES,
+    encoding: Encoding | None = None,
+    if_undecoded: str = SAVE_AS_UTF8,
 ) -> str:
     """Read a file; raise `invalid`, with the remedy `if_missing` when there is no such file.
 
     A larger file than `most_bytes`, a folder, a pipe or a device is refused before it is read.
+    Without a byte-order mark it has the `encoding`, or else UTF-8; `if_undecoded` is the remedy
+    for one that has not.
     """
     try:
-        return decoded(read_bounded(path, most_bytes), str(path))
+        return decoded(read_bounded(path, most_bytes), str(path), encoding, if_undecoded)
     except FileMissing as error:
         raise invalid(error.problem, remedy=if_missing) from error
     except FileRefused as error:

@@ -267,8 +267,7 @@ class WatchConfig(FileModel):
         default=None, description="which of two sets of x, y and z in the header counts"
     )
     decimal: Literal["point", "comma"] | None = Field(
-        default=None,
-        description="the decimal sign; with it thousands separators are read too; empty: point",
+        default=None, description="the decimal sign; empty: as the numbers show"
     )
     encoding: Literal["utf-8", "utf-16", "cp1252"] | None = Field(
         default=None, description="the encoding of a file without a byte-order mark; empty: utf-8"

@@ -21,16 +21,23 @@ from pathlib import Path
 from typing import Literal
 
 from campaigns.errors import ShotsInvalid
+from campaigns.files.cells import Notation
 from campaigns.files.csv_file import CsvRow
-from campaigns.files.text_file import read_text
 from campaigns.files.wording import listed, shown
 from campaigns.kinematics.mechanism import Mechanism
 from campaigns.shots.columns import check_pairs
 from campaigns.shots.point_files import NAME_JOINT, NamedPoint, PointFile
 from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, ShotSet
-from campaigns.shots.shots_csv import ShotRow, joints_rows, names_joints
+from campaigns.shots.shots_csv import PLAIN, ShotRow, joints_rows, names_joints, table_text
 from campaigns.shots.turn_forms import TurnForm
-from drivers.bounded_files import CSV_BYTES, FileRefused, check_is_text, codec_of, read_bounded
+from drivers.bounded_files import (
+    CSV_BYTES,
+    Encoding,
+    FileRefused,
+    check_is_text,
+    codec_of,
+    read_bounded,
+)
 from drivers.texts import nearest_word
 
 Join = Literal["name", "order"]
@@ -120,18 +127,21 @@ def skipped_names(
 
 
 def read_joints(
-    joints: Path, mechanism: Mechanism, default: ShotSet, turns: TurnForm | None = None
+    joints: Path,
+    mechanism: Mechanism,
+    default: ShotSet,
+    turns: TurnForm | None = None,
+    notation: Notation = PLAIN,
 ) -> list[JointsRow]:
     """Return the rows of a joints file; raise `ShotsInvalid`, also for a file without any."""
-    remedy = "check the name of the joints file"
-    text = read_text(joints, ShotsInvalid, if_missing=remedy, most_bytes=CSV_BYTES)
-    rows = [*joints_rows(text, str(joints), mechanism, default, turns)]
+    text = table_text(joints, notation, "check the name of the joints file")
+    rows = [*joints_rows(text, str(joints), mechanism, default, turns, notation.decimal)]
     if not rows:
         raise ShotsInvalid(f"{joints}: holds no joints", remedy="check that it is the right file")
     return rows
 
 
-def holds_joints(path: Path, mechanism: Mechanism) -> bool:
+def holds_joints(path: Path, mechanism: Mechanism, encoding: Encoding | None = None) -> bool:
     """Return whether the first line of a file names columns that only shots.csv has.
 
     Raise `ShotsInvalid` for a file that is no text.
@@ -145,7 +155,7 @@ def holds_joints(path: Path, mechanism: Mechanism) -> bool:
     except FileRefused as error:
         raise ShotsInvalid(error.problem, remedy=error.remedy) from error
     with suppress(ShotsInvalid):
-        return names_joints(data.decode(codec_of(data), errors="replace"), mechanism)
+        return names_joints(data.decode(codec_of(data, encoding), errors="replace"), mechanism)
     return False
 
 

@@ -7,7 +7,6 @@ is planned: it is measured, and its value filled in. No σ is assumed, so that e
 and may say where it has it from: a verdict that rests on a usual σ is no certificate.
 """
 
-import re
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ from campaigns.files.csv_file import (
     CsvForm,
     CsvRow,
     angle_column,
+    column_names,
     number_column,
     parse_csv,
     whole_column,
@@ -35,6 +35,8 @@ FILE_NAME = "observations.csv"
 KIND, OBJECT, STD, PAIR, SESSION = "kind", "object", "std_mm", "pair", "session"
 STD_SOURCE, DEFAULT = "std_source", "default"
 """Column for the source of σ, and its word for what is usual of such instruments."""
+HEADS = (CsvColumn(KIND), CsvColumn(OBJECT), CsvColumn(STD), CsvColumn("value_mm"))
+"""Columns by which a file of observations is recognised."""
 SETS = (ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
 """Sets of observations: fitted, and held out."""
 
@@ -101,10 +103,10 @@ def default_in_words(rows: Collection[ObservationRow]) -> str:
 
 def holds_observations(path: Path) -> bool:
     """Return whether a file's first line has a column `kind`, by whatever separator."""
-    with suppress(FileRefused):
+    with suppress(FileRefused, ObservationsInvalid):
         data = read_bounded(path, CSV_BYTES)
-        first = data.decode(codec_of(data), errors="replace").lstrip().partition("\n")[0]
-        return KIND in [name.strip(' "\r') for name in re.split("[,;\t]", first)]
+        text = data.decode(codec_of(data), errors="replace")
+        return KIND in column_names(text, CsvForm(HEADS, ObservationsInvalid))
     return False
 
 

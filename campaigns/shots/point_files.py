@@ -8,8 +8,9 @@ How a file is read:
 3. The layout is found: separator, columns, unit, header lines (`point_layout`, by the meanings of
    words in `point_words`).
 4. The user's unit is used, else the file's; without either the file is refused.
-5. Each row becomes a point in mm. Numbers have decimal points and no thousands separators, unless a
-   decimal sign is given. Uncertainties become covariances, times ISO 8601.
+5. The decimal sign is the user's, else that of the file's numbers, which decide together; where
+   each can be read in two ways the file is refused. Each row becomes a point in mm. Uncertainties
+   become covariances, times ISO 8601.
 6. Notes say how the file was read, and what of it was not used.
 
 A tracker that writes points into a growing file is read by the functions for single rows.
@@ -29,6 +30,7 @@ from campaigns.errors import ShotsInvalid
 from campaigns.files.cells import (
     NUMBER,
     SEPARATORS,
+    decimal_sign,
     is_number,
     number_value,
     point_text,
@@ -118,10 +120,14 @@ def point_of_row(row: str, text: str, name: str, form: PointFormat) -> Vector3:
 
     The unit in the text's header is used instead of that of `form`.
     """
-    # The header and this row alone are read as a file: other rows do not matter to it.
+    # The header and this row alone are read as a file: of other rows the decimal sign alone counts.
     lines = _filled_lines(text, name, form.option)
-    header = lines[: _first_row(lines)]
-    (point,) = _parse_lines([*header, Line(name, row)], name, form, header_first=True).points
+    begin = _first_row(lines)
+    alone = [*lines[:begin], Line(name, row)]
+    layout = find_layout(alone, replace(form, unit=None))
+    voters = tuple(line for line in [*lines[begin:], alone[-1]] if _may_be_row(line))
+    form = _with_decimal(form, replace(layout, rows=voters))
+    (point,) = _parse_lines(alone, name, form, header_first=True).points
     return point.point_mm
 
 
@@ -190,6 +196,7 @@ def _parse_lines(
             remedy=f"give it with {form.option}unit {'|'.join(MM_PER_UNIT)}",
         )
     # 2. Points.
+    given, form = form.decimal, _with_decimal(form, layout)
     layout, zeros = _with_half_digit(layout, form)
     points = [_point(line, layout, replace(form, unit=unit)) for line in layout.rows]
     _check_unique(points)
@@ -207,6 +214,7 @@ def _parse_lines(
     ]
     about = [
         f"{name}: {columns} by {SEPARATORS[layout.separator]}, in {unit}"
+        + (", with decimal commas" if form.decimal == "comma" and not given else "")
         + (f"; not used: {', '.join(unused)}" if unused else "")
     ]
     if header := layout.header:
@@ -226,6 +234,17 @@ def _unused(layout: Layout) -> dict[str, tuple[str, ...]]:
         for place, (heading, role) in enumerate(zip(layout.headings, layout.order, strict=False))
         if role == "-"
     }
+
+
+def _with_decimal(form: PointFormat, layout: Layout) -> PointFormat:
+    """Return the format with the decimal sign of the rows' numbers, unless the user gave one."""
+    if form.decimal is not None:
+        return form
+    roles = {*AXES, *SIGMAS, *EXPANDED}
+    places = [place for place, role in enumerate(layout.order) if role in roles]
+    table = [split_line(line.text, layout.separator) for line in layout.rows]
+    numbers = (cells[place] for cells in table for place in places if place < len(cells))
+    return replace(form, decimal=decimal_sign(numbers))
 
 
 def _with_half_digit(layout: Layout, form: PointFormat) -> tuple[Layout, int]:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from campaigns.arrays import AXES
 from campaigns.errors import CoordinatesAmbiguous, ShotsInvalid
-from campaigns.files.cells import GROUPED, DecimalSign, is_number, possible_splits, split_line
+from campaigns.files.cells import GROUPED, Notation, is_number, possible_splits, split_line
 from campaigns.files.wording import shown, suggestion
 from campaigns.shots.point_words import (
     MM_PER_UNIT,
@@ -31,7 +31,6 @@ from campaigns.shots.point_words import (
     parse_heading,
     parse_headings,
 )
-from drivers.bounded_files import Encoding
 
 SIGMAS = ("sx", "sy", "sz")
 EXPANDED = ("ux", "uy", "uz")
@@ -43,16 +42,13 @@ _WHOLE = re.compile(r"\d+", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PointFormat:
+class PointFormat(Notation):
     """What a user states of a point file; None in a field: the file has to show it."""
 
     unit: LengthUnit | None = None
     columns: Sequence[str] | None = None
     coordinates: Coordinates | None = None
     """Set of columns that counts where a file has nominal and actual coordinates."""
-    decimal: DecimalSign | None = None
-    """Decimal sign; with one given, thousands separators are read too."""
-    encoding: Encoding | None = None
     option: str = "--"
     """Text before a field's name where users set it, for remedies: `--`, or a key in a file."""
 
@@ -321,11 +317,17 @@ def _layout_of_data(lines: Sequence[Line], form: PointFormat) -> Layout:
     first = lines[0]
     order = () if form.columns is None else _order_of_user(form, first.where)
     # Separators are tried from the least ambiguous one: blanks last, which stand in names as well.
+    # Where commas would leave blanks in numbers, `510,112 135,487`, the blanks are the borders.
     for line in lines:
-        for separator, _ in possible_splits(line.text):
-            layout = Layout(separator, order)
-            if _has_point(line.text, layout):
-                return layout
+        fitting = {
+            separator: any(is_number(cell) and " " in cell for cell in cells)
+            for separator, cells in possible_splits(line.text)
+            if _has_point(line.text, Layout(separator, order))
+        }
+        if fitting:
+            separator, has_blanks = next(iter(fitting.items()))
+            by_blanks = separator == "," and has_blanks and "" in fitting
+            return Layout("" if by_blanks else separator, order)
     if not order:
         raise _no_point(first)
     return Layout(next(possible_splits(first.text))[0], order)

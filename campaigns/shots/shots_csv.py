@@ -11,11 +11,13 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
+from campaigns.files.cells import DecimalSign, Notation
 from campaigns.files.csv_file import (
     CsvColumn,
     CsvForm,
@@ -31,7 +33,7 @@ from campaigns.kinematics.mechanism import Mechanism
 from campaigns.shots import columns
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.turn_forms import TurnForm, foreign_columns, turn_values, turns_of
-from drivers.bounded_files import CSV_BYTES
+from drivers.bounded_files import CSV_BYTES, SAVE_AS_UTF8, Encoding
 from drivers.values import Matrix3, Vector3, is_positive_definite, vector
 
 COVARIANCE_COLUMNS = ("sxx", "sxy", "sxz", "syy", "syz", "szz")
@@ -41,6 +43,8 @@ LONGEST_PAUSE_S = 1800.0
 """Longest pause between two shots for which times that go back are those of a clock set back."""
 SESSION = "session"
 """Column of the session's number: the tracker stands at another place in each."""
+PLAIN = Notation()
+"""Notation of files of which nothing is stated."""
 TEMPERATURES = ("temperature_degC", "part_temperature_degC")
 
 
@@ -160,14 +164,27 @@ def read_shots(
     mechanism: Mechanism,
     default: ShotSet = ShotSet.IDENTIFICATION,
     turns: TurnForm | None = None,
+    notation: Notation = PLAIN,
 ) -> tuple[ShotRow, ...]:
     """Read measured shots of a robot, in the file's order; raise `ShotsInvalid`.
 
     `default` is the set of rows that name none, `turns` how three turns are written; None: by their
     columns.
     """
-    text = read_text(path, ShotsInvalid, if_missing="check the file's name", most_bytes=CSV_BYTES)
-    return parse_shots(text, str(path), mechanism, default, turns)
+    text = table_text(path, notation, "check the file's name")
+    return parse_shots(text, str(path), mechanism, default, turns, notation.decimal)
+
+
+def table_text(path: Path, notation: Notation, if_missing: str) -> str:
+    """Return the text of a file of shots or joints; raise `ShotsInvalid`."""
+    return read_text(
+        path,
+        ShotsInvalid,
+        if_missing=if_missing,
+        most_bytes=CSV_BYTES,
+        encoding=notation.encoding,
+        if_undecoded=f"{SAVE_AS_UTF8}, or give --encoding {'|'.join(get_args(Encoding))}",
+    )
 
 
 def write_shots(
@@ -183,9 +200,10 @@ def parse_shots(
     mechanism: Mechanism,
     default: ShotSet = ShotSet.IDENTIFICATION,
     turns: TurnForm | None = None,
+    decimal: DecimalSign | None = None,
 ) -> tuple[ShotRow, ...]:
     """Read the shots of a file's text; raise `ShotsInvalid` with the line."""
-    rows = list(parse_csv(text, name, _form(mechanism)))
+    rows = list(parse_csv(text, name, _form(mechanism), decimal))
     if not rows:
         raise ShotsInvalid(f"{name}: holds no shots", remedy="check that it is the right file")
     shots = tuple(_shot_of(row, mechanism, default, turns) for row in rows)
@@ -200,14 +218,19 @@ def names_joints(text: str, mechanism: Mechanism) -> bool:
 
 
 def joints_rows(
-    text: str, name: str, mechanism: Mechanism, default: ShotSet, turns: TurnForm | None = None
+    text: str,
+    name: str,
+    mechanism: Mechanism,
+    default: ShotSet,
+    turns: TurnForm | None = None,
+    decimal: DecimalSign | None = None,
 ) -> Iterator[tuple[CsvRow, ShotRow]]:
     """Yield each row of a joints file, and its shot; the points are in another file.
 
     A shot's pair is None if the file has no column `pair`, or its set has no pairs. Raise
     `ShotsInvalid` with the line.
     """
-    for row in parse_csv(text, name, _form(mechanism, with_points=False)):
+    for row in parse_csv(text, name, _form(mechanism, with_points=False), decimal):
         yield row, _shot_of(row, mechanism, default, turns)
 
 
@@ -239,6 +262,7 @@ def _form(mechanism: Mechanism, *, with_points: bool = True) -> CsvForm:
         ),
         ShotsInvalid,
         columns.axis_columns(mechanism.joints),
+        "give --decimal comma or --decimal point, or write decimal points",
     )
 
 
@@ -257,7 +281,7 @@ def _shot_of(
         purpose=purpose,
         turn=turn_values(row, mechanism.task, turns),
         covariance_mm2=_covariance_of(row),
-        time=row.text("time") or None,
+        time=row.notation("time") or None,
         nest=columns.nest_name(row, purpose),
         approach=columns.approach_values(row, mechanism.joints),
         session=row.value(SESSION) if row.text(SESSION) else 0,

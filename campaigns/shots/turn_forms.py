@@ -17,7 +17,15 @@ from typing import Literal, get_args
 import numpy as np
 import scipy
 
-from campaigns.files.csv_file import CsvColumn, CsvRow, angle_column, number_column
+from campaigns.errors import ShotsInvalid
+from campaigns.files.csv_file import (
+    CsvColumn,
+    CsvForm,
+    CsvRow,
+    angle_column,
+    column_names,
+    number_column,
+)
 from campaigns.kinematics.axes import TURNS, Axis
 from drivers.bounded_files import CSV_BYTES, FileRefused, codec_of, read_bounded
 
@@ -54,9 +62,10 @@ def has_unknown_turns(path: Path) -> bool:
 
     A file that cannot be read has none: its reader says why.
     """
-    with suppress(FileRefused, UnicodeDecodeError):
+    with suppress(FileRefused, UnicodeDecodeError, ShotsInvalid):
         data = read_bounded(path, CSV_BYTES)
-        named = data.decode(codec_of(data)).partition("\n")[0].strip().split(",")
+        form = CsvForm(tuple(angle_column(n) for names in OF_ANGLES for n in names), ShotsInvalid)
+        named = column_names(data.decode(codec_of(data)), form)
         return any({*named}.issuperset(names) for names in OF_ANGLES)
     return False
 

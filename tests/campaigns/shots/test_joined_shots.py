@@ -2,12 +2,14 @@
 
 import math
 
+import numpy as np
 import pytest
 from refusals import refusal
 
 from campaigns.errors import ShotsInvalid
+from campaigns.files.cells import Notation
 from campaigns.kinematics.catalog import PAR4
-from campaigns.shots.joined_shots import join_shots
+from campaigns.shots.joined_shots import join_rows, read_joints
 from campaigns.shots.point_files import read_points
 from campaigns.shots.point_layout import PointFormat
 from campaigns.shots.shot_sets import ShotSet
@@ -29,7 +31,10 @@ def join(tmp_path):
         (tmp_path / "joints.csv").write_text(joints)
         form = PointFormat(**{"unit": "mm", **told})
         points = read_points(tmp_path / "points.txt", form)
-        rows, note = join_shots(points, tmp_path / "joints.csv", PAR4, join=by)
+        at_joints = read_joints(
+            tmp_path / "joints.csv", PAR4, ShotSet.IDENTIFICATION, notation=form
+        )
+        rows, note = join_rows(points, at_joints, by)
         return rows, (*points.notes, note)
 
     return read
@@ -138,3 +143,33 @@ class TestComplaints:
         assert "joints.csv:1: unknown column 'q3' → write q3_deg, with the value in deg" in said
         assert "joints.csv: holds no joints" in complaint(joints=HEADER + "\n")
         assert "--unit mm|m|inch" in complaint(unit=None)
+
+
+class TestNotations:
+    POINTS = "p1;510,112;-35,487;175,302\np2;11,112;-35,487;175,302\n"
+    HEADER = HEADER.replace(",", ";")
+    JOINTS = f"{HEADER}\np1;12,125;13,250;14,500;15,125\np2;1,125;2,250;3,500;4,125\n"
+
+    def test_the_decimal_sign_given_counts_for_the_joints_too(self, join, complaint):
+        rows, _ = join(self.POINTS, self.JOINTS, decimal="comma")
+        assert rows[0].point_in_tracker_mm == (510.112, -35.487, 175.302)
+        assert rows[1].joints == pytest.approx(np.radians([1.125, 2.25, 3.5, 4.125]))
+        clear = self.POINTS.replace("11,112", "1111,112")
+        said = complaint(clear, self.JOINTS)
+        assert "joints.csv:2: q0_deg is '12,125', a decimal comma → give --decimal comma" in said
+
+    def test_the_joints_of_a_sure_notation_need_no_option(self, join):
+        joints = self.JOINTS.replace("1,125;2", "0,125;2")
+        rows, _ = join(self.POINTS.replace("11,112", "11,1"), joints)
+        assert rows[1].joints == pytest.approx(np.radians([0.125, 2.25, 3.5, 4.125]))
+
+    @pytest.mark.parametrize("encoding", ["utf-16", "cp1252"])
+    def test_the_encoding_given_counts_for_the_joints_too(self, tmp_path, encoding):
+        codec = {"utf-16": "utf-16-le"}.get(encoding, encoding)
+        path = tmp_path / "joints.csv"
+        path.write_bytes(JOINTS.replace("p1", "Höhe").encode(codec))
+        notation = Notation(encoding=encoding)
+        rows = read_joints(path, PAR4, ShotSet.IDENTIFICATION, notation=notation)
+        assert rows[0][0].text("name") == "Höhe"
+        said = refusal(ShotsInvalid, read_joints, path, PAR4, ShotSet.IDENTIFICATION)
+        assert "give --encoding" in said

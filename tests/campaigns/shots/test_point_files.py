@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from refusals import refusal
 
 from campaigns.errors import ShotsInvalid
-from campaigns.shots.point_files import parse_points, read_points
+from campaigns.shots.point_files import data_rows, parse_points, point_of_row, read_points
 from campaigns.shots.point_layout import PointFormat
 
 SPATIAL_ANALYZER = """\
@@ -313,11 +313,55 @@ class TestHeaders:
 
 
 class TestNotations:
-    @pytest.mark.parametrize("line", ["p1;2000,5;10,25;-300,125", '"p1","2,927.032","1.5","2.5"'])
-    def test_commas_in_numbers_are_refused_unless_the_decimal_sign_is_given(self, line):
+    UNCLEAR = (
+        "p1;510,012;-35,487;-75,125",
+        '"p1","927,032","101,267","425,832"',
+        "p1;2000,5;1.25;3",
+        "p1;510,012;1.5;3",
+        "p1 510,112 135,487 175,302",
+    )
+
+    @pytest.mark.parametrize("line", UNCLEAR)
+    def test_commas_that_may_be_two_things_are_refused_unless_the_decimal_sign_is_given(self, line):
         said = complaint(f"// export\n{line}\n")
         assert "points.txt:2: x is '" in said
         assert "with a decimal comma or a thousands separator → give --decimal comma" in said
+
+    @pytest.mark.parametrize("sure", ["-0,125", "12,5", "1234,567", "1.234,5", "1,5e+3"])
+    @pytest.mark.parametrize("mark", [";", "\t", "  "])
+    def test_a_row_that_is_clear_decides_for_all_others(self, sure, mark):
+        rows = (("p1", "510,112", "35,487", "175,302"), ("p2", sure, "1", "-2"))
+        read_in = read("".join(f"{mark.join(row)}\n" for row in rows))
+        assert read_in.points[0].point_mm == (510.112, 35.487, 175.302)
+        assert read_in.points[1].point_mm[1:] == (1.0, -2.0)
+        assert "in mm, with decimal commas" in read_in.notes[0]
+
+    @pytest.mark.parametrize("name", ["", "p1 ", "1 "])
+    def test_blanks_are_the_borders_where_commas_would_leave_them_in_numbers(self, name):
+        points = read(f"{name}510,112 135,487 175,302\n", decimal="comma").points
+        assert points[0].point_mm == (510.112, 135.487, 175.302)
+
+    @pytest.mark.parametrize(
+        ("line", "point"),
+        [
+            ('p1,"1,510.012","1,000",-75.5', (1510.012, 1000.0, -75.5)),
+            ("p1;1’510.012;1’000;-75.5", (1510.012, 1000.0, -75.5)),
+            ("p1\t1 510.012\t1 000\t-75.5", (1510.012, 1000.0, -75.5)),
+            ("p1;1,234,567.5;12,000;3", (1234567.5, 12000.0, 3.0)),
+            ("p1;1.510,25;2.000;-0,5", (1510.25, 2000.0, -0.5)),
+        ],
+    )
+    def test_thousands_are_read_where_a_number_shows_how_they_are_grouped(self, line, point):
+        assert found(f"name{line[2]}x{line[2]}y{line[2]}z\n{line}\n")["p1"] == point
+
+    @pytest.mark.parametrize("lines", ["x;y;z\n510,012;135,487;1\n12,5;1;2\n", "12,5;1;2\n"])
+    def test_a_growing_file_decides_by_all_its_rows(self, lines):
+        rows = data_rows(f"{lines}310,125;2;3\n")
+        form = PointFormat(unit="mm", option="tracker.watch.")
+        text = f"{lines}310,125;2;3\n"
+        assert point_of_row(rows[-1], text, "f", form) == (310.125, 2.0, 3.0)
+        with pytest.raises(ShotsInvalid, match=r"tracker\.watch\.decimal comma"):
+            point_of_row(rows[-1], "310,125;2;3\n", "f", form)
 
     @pytest.mark.parametrize(
         ("line", "decimal", "point"),
