@@ -43,6 +43,9 @@ _NO_TEXTS = (
     (b"\x1f\x8b", "compressed (gzip)", "unpack it first: gunzip FILE"),
     (b"BZh", "compressed (bzip2)", "unpack it first: bunzip2 FILE"),
     (b"\xfd7zXZ", "compressed (xz)", "unpack it first: unxz FILE"),
+    (b"7z\xbc\xaf", "compressed (7z)", "unpack it first"),
+    (b"Rar!", "compressed (rar)", "unpack it first"),
+    (b"\x28\xb5\x2f\xfd", "compressed (zstd)", "unpack it first: unzstd FILE"),
     (b"%PDF-", "a PDF", "export the points as text"),
     (b"SQLite format 3\0", "a database", "export the points as text"),
 )
@@ -118,12 +121,14 @@ def decoded(
 ) -> str:
     """Decode a text by its byte-order mark, else the encoding given, else UTF-8.
 
-    Raises `FileRefused` naming the line of the first byte that cannot be read.
+    Raises `FileRefused` naming the line of the first byte that cannot be read, or of a NUL.
     """
     check_is_text(data, name)
     codec = codec_of(data, encoding)
     try:
-        return data.decode(codec)
+        text = data.decode(codec)
+        check_no_nul(text, name, remedy)
+        return text
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise FileRefused(
@@ -131,6 +136,17 @@ def decoded(
             f"{codec.removesuffix('-sig').upper()} text",
             remedy=remedy,
         ) from error
+
+
+# UTF-16 of Latin letters decodes as UTF-8 without an error, with a NUL beside each letter.
+def check_no_nul(text: str, name: str, remedy: str) -> None:
+    """Raise `FileRefused` for a text with NUL characters."""
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise FileRefused(
+            f"{name}:{line}: has NUL characters: no text, or UTF-16 without a byte-order mark",
+            remedy=remedy,
+        )
 
 
 def check_is_text(data: bytes, name: str) -> None:

@@ -27,6 +27,8 @@ GROUPED = re.compile(
     re.ASCII,
 )
 """Number with thousands separators: an apostrophe or a blank of any width, too."""
+COMMENT = re.compile(r"\s*(?:#|//|%|!)")
+"""Beginning of a line that is a comment."""
 _FOREIGN = re.compile(r"([+-]?[\d.,]+)(?:[dD]([+-]\d+))?\s*°?", re.ASCII)
 """Number with the exponent's sign of Fortran, or with a sign of degrees."""
 

@@ -4,8 +4,10 @@ A `CsvForm` lists the columns that a kind of file may have; each column states h
 a value and back. A spreadsheet may have changed a file, or somebody else written it, so form is
 read with patience and meaning strictly:
 
-1. Separator, decimal sign, quotes, comments, a first column without a heading and empty columns at
-   the end are recognised, as in files of points (`cells`). One decimal sign counts for all numbers.
+1. Separator, decimal sign, quotes, comments, a first column that counts the rows and empty columns
+   at the end are recognised, as in files of points (`cells`). The header is the first line that
+   names what is required, so that titles may stand above it, and a line of units below. One decimal
+   sign counts for all numbers.
 2. Headings are compared by their words: `q0_deg`, `Q0 [deg]`. Those that differ from each other by
    a number alone, such as J1, J2 and J3, stand for the form's numbered columns if they are as many.
 3. Every row must be as long as the header, and every value be valid; what can be read in two ways
@@ -24,10 +26,12 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 from campaigns.errors import CampaignError
 from campaigns.files.cells import (
+    COMMENT,
     NUMBER,
     WITH_COMMA,
     DecimalSign,
@@ -35,6 +39,7 @@ from campaigns.files.cells import (
     is_number,
     point_text,
     possible_splits,
+    split_line,
 )
 from campaigns.files.wording import shown, suggestion
 
@@ -46,10 +51,16 @@ BYTE_ORDER_MARK = "\ufeff"
 """Beginning by which spreadsheets recognise UTF-8; every reader of ours passes over it."""
 MOST_LINES = 50_000
 """Largest number of lines that are read, more than twice what a campaign can plan."""
+MOST_ABOVE = 100
+"""Number of lines among which the header is looked for: others are no titles."""
 MOST_CHARACTERS = 100_000
 """Longest line that is read; a row of any instrument has a hundredth of it."""
 
-_COMMENT = re.compile(r"\s*(?:#|//)")
+UNIT_WORDS = {
+    **dict.fromkeys(("degree", "degrees"), "deg"),
+    **dict.fromkeys(("millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
+}
+"""Units of columns by the words that other software has for them."""
 _SEPARATOR_LINE = re.compile(r'"?sep=([;,\t]?)"?', re.I)
 """Line that states the separator for a spreadsheet."""
 _NUMBERED = re.compile(r"(.*[^\W\d].*?|[^\W\d])(\d{1,2})(\D*)")
@@ -137,6 +148,11 @@ class CsvForm:
     """Remedy for numbers with commas that may be read in two ways."""
 
     @property
+    def names(self) -> set[str]:
+        """Names of all columns."""
+        return {column.name for column in self.columns}
+
+    @property
     def required(self) -> list[str]:
         """Names of the columns that a file must have."""
         return [column.name for column in self.columns if column.required]
@@ -160,6 +176,14 @@ class CsvForm:
             for row in rows
         ]
         return csv_text([column.name for column in columns], texts)
+
+
+@dataclass(frozen=True, slots=True)
+class HeaderPlace:
+    """Separator of a text's columns, and the number of lines above those that it names."""
+
+    separator: str
+    above: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,11 +241,17 @@ def parse_csv(
     `decimal` is the sign of its numbers; None: as the numbers show.
     """
     check_lines(text, name, form.invalid)
-    lines = [*_filled_lines(text, name, _separator(text, form), form)]
+    place = _header_place(text, form)
+    _check_above(text, name, place, form)
+    lines = [*_filled_lines(text, name, place, form)]
     where, cells = lines[0] if lines else (f"{name}:1", [])
     header = _columns(cells, form)
-    _check_header(header, where, form)
     rows = [(row, _as_long(values, header)) for row, values in lines[1:] if values != cells]
+    rows = [row for row in rows if not _is_comment(row[1], header, form)]
+    header = _without_index(header, [values[0] for _, values in rows], form)
+    _check_header(header, where, form)
+    if rows and _states_units(rows[0][1], header):
+        del rows[0]
     numbers = [place for place, heading in enumerate(header) if _is_of_numbers(heading, form)]
     decimal = decimal or decimal_sign(v[i] for _, v in rows for i in numbers if i < len(v))
     for where, values in rows:
@@ -232,8 +262,8 @@ def parse_csv(
 
 
 def column_names(text: str, form: CsvForm) -> list[str]:
-    """Return the columns that the first line of a text names, unknown headings as they stand."""
-    for _, cells in _filled_lines(text, "", _separator(text, form), form):
+    """Return the columns that a text's header names, unknown headings as they stand."""
+    for _, cells in _filled_lines(text, "", _header_place(text, form), form):
         return _columns(cells, form)
     return []
 
@@ -283,59 +313,104 @@ def _with_comma(text: str) -> str:
     return text.replace(".", ",") if NUMBER.fullmatch(text) else text
 
 
-def _separator(text: str, form: CsvForm) -> str:
-    """Return the separator that cuts the header into most of the form's columns; else a comma."""
-    counts: dict[str, int] = {}
-    for line in io.StringIO(text, newline=None):
-        if stated := _SEPARATOR_LINE.fullmatch(line.strip()):
-            return stated[1]
-        if line.strip():
-            for separator, cells in possible_splits(_uncommented(line)):
-                names = {column.name for column in form.columns}
-                counts[separator] = len(names.intersection(_columns([*cells], form)))
-            if not _COMMENT.match(line) or any(counts.values()):
-                break
-    best = max(counts, key=lambda separator: counts[separator], default=",")
-    return best if counts.get(best, 0) > 1 else ","
+def _header_place(text: str, form: CsvForm) -> HeaderPlace:
+    """Return where the header is: the first line that names all columns which the form requires.
+
+    Without any it is the line with most of the columns, or else the first that is no comment. A
+    comment is the header only if all its headings are columns.
+    """
+    stated: str | None = None
+    best: HeaderPlace | None = None
+    most = above = 0
+    for line in islice(io.StringIO(text, newline=None), MOST_ABOVE):
+        if match := _SEPARATOR_LINE.fullmatch(line.strip()):
+            stated = match[1]
+        elif line.strip():
+            is_comment = bool(COMMENT.match(line))
+            for separator, columns in _possible_columns(line, form, stated).items():
+                count = len(columns & form.names)
+                is_whole = columns >= {*form.required} and count > 1
+                if is_whole and (not is_comment or columns <= form.names):
+                    return HeaderPlace(separator, above)
+                if not is_comment and (best is None or count > most):
+                    best = HeaderPlace(separator if count > 1 else stated or ",", above)
+                    most = max(count, 1)
+        above += 1
+    return best or HeaderPlace(",", above)
+
+
+def _possible_columns(line: str, form: CsvForm, stated: str | None) -> dict[str, set[str]]:
+    """Return the columns that a line names by each separator, or by the one that is stated."""
+    return {
+        separator: {*_columns([*cells], form)}
+        for separator, cells in possible_splits(_uncommented(line))
+        if stated in {None, separator}
+    }
+
+
+def _check_above(text: str, name: str, place: HeaderPlace, form: CsvForm) -> None:
+    """Raise the form's error for a line above the header that reads as a row of the table."""
+    needed = sum(_is_of_numbers(column, form) for column in form.required)
+    for number, line in enumerate(islice(io.StringIO(text, newline=None), place.above), start=1):
+        count = sum(map(is_number, split_line(line, place.separator)))
+        if count >= needed > 0 and not COMMENT.match(line):
+            raise form.invalid(
+                f"{name}:{number}: reads as a row above the line that names the columns",
+                remedy="put that line first",
+            )
 
 
 def _filled_lines(
-    text: str, name: str, separator: str, form: CsvForm
+    text: str, name: str, place: HeaderPlace, form: CsvForm
 ) -> Iterator[tuple[str, list[str]]]:
     """Yield each line that is not empty as its place and its values, from the header on."""
     # a quoted value may hold line breaks: a row begins after the last line of the row before
-    if not separator:
-        text = "\n".join(" ".join(line.split()) for line in io.StringIO(text, newline=None))
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator or " ", strict=True)
-    line, is_header_read = 1, False
+    lines: Iterable[str] = islice(io.StringIO(text, newline=""), place.above, None)
+    if not place.separator:
+        lines = (f"{' '.join(line.split())}\n" for line in lines)
+    reader = csv.reader(lines, delimiter=place.separator or " ", strict=True, skipinitialspace=True)
+    line, is_header = place.above + 1, True
     try:
         for values in reader:
             texts = [_one_line(value) for value in values]
-            if any(texts) and not is_header_read:
-                texts = _header_cells(texts, form)
-                is_header_read = bool(texts)
             if any(texts):
+                if is_header:  # which may be a comment
+                    texts[0], is_header = _uncommented(texts[0]), False
                 yield f"{name}:{line}", texts
-            line = reader.line_num + 1
+            line = place.above + reader.line_num + 1
     except csv.Error as error:
         raise form.invalid(
             f"{name}:{line}: is not CSV ({error})", remedy="correct the line's quotes"
         ) from error
 
 
-def _header_cells(cells: list[str], form: CsvForm) -> list[str]:
-    """Return the cells of a header; [] for a line above it: a comment, or the separator's."""
-    if _SEPARATOR_LINE.match(cells[0]):
-        return []
-    if not _COMMENT.match(cells[0]):
-        return cells
-    bare = [_uncommented(cells[0]), *cells[1:]]
-    names = {column.name for column in form.columns}
-    return bare if len(bare) > 1 and names.issuperset(_columns(bare, form)) else []
+def _is_comment(values: Sequence[str], header: Sequence[str], form: CsvForm) -> bool:
+    """Return whether a line is a comment: of a whole row, one whose first text is no name."""
+    mark = COMMENT.match(values[0])
+    if mark is None:
+        return False
+    may_be_name = not _is_of_numbers(header[0], form) and len(values) == len(header)
+    return not may_be_name or values[0][mark.end() :].startswith(" ")
+
+
+def _without_index(header: list[str], cells: Sequence[str], form: CsvForm) -> list[str]:
+    """Return the columns without the heading of a first one that counts the rows from 0 or 1."""
+    counts = [f"{number}" for number in range(len(cells) + 1)]
+    if not cells or header[0] in form.names or [*cells] not in (counts[:-1], counts[1:]):
+        return header
+    return _columns(["", *header[1:]], form)
+
+
+def _states_units(values: Sequence[str], header: Sequence[str]) -> bool:
+    """Return whether a line under the header states nothing but units of its columns."""
+    words = map(_words, values)
+    pairs = [*zip(header, words, strict=False)]
+    has_digit = any(map(str.isdigit, "".join(values)))
+    return not has_digit and all(not word or name.endswith(f"_{word}") for name, word in pairs)
 
 
 def _uncommented(text: str) -> str:
-    return _COMMENT.sub("", text, count=1).strip()
+    return COMMENT.sub("", text, count=1).strip()
 
 
 def _columns(header: Sequence[str], form: CsvForm) -> list[str]:
@@ -357,7 +432,8 @@ def _columns(header: Sequence[str], form: CsvForm) -> list[str]:
 
 
 def _words(heading: str) -> str:
-    return "_".join(re.findall(r"[^\W_]+", heading.lower()))
+    words = re.findall(r"[^\W_]+", heading.lower())
+    return "_".join(UNIT_WORDS.get(word, word) for word in words)
 
 
 def _by_number(headings: Iterable[str], numbered: Sequence[str]) -> dict[str, str]:

@@ -28,6 +28,7 @@ from typing import get_args
 from campaigns.arrays import AXES
 from campaigns.errors import ShotsInvalid
 from campaigns.files.cells import (
+    COMMENT,
     NUMBER,
     SEPARATORS,
     decimal_sign,
@@ -49,14 +50,22 @@ from campaigns.shots.point_layout import (
     find_layout,
 )
 from campaigns.shots.point_words import MM_PER_UNIT, LengthUnit
-from drivers.bounded_files import CSV_BYTES, Encoding, FileRefused, decoded, read_bounded
+from drivers.bounded_files import (
+    CSV_BYTES,
+    SAVE_AS_UTF8,
+    Encoding,
+    FileRefused,
+    check_no_nul,
+    decoded,
+    read_bounded,
+)
 from drivers.values import Matrix3, Vector3
 
 NAME_JOINT = "::"
 """Separator of the parts of a name, as in SpatialAnalyzer."""
 FARTHEST_MM = 1e8
 """Largest coordinate that is accepted in any unit."""
-_COMMENT = re.compile(r"//|#|;(?!(?:[^;]*;){2})")
+_COMMENT = re.compile(rf"{COMMENT.pattern}|;(?!(?:[^;]*;){{2}})")
 """Mark of a comment; a row whose first column is empty begins with a semicolon, too."""
 _KEY_AND_VALUE = re.compile(r"([^\W\d]\w*)\s*[=:]\s*([+-]?[\d.,]*\d(?:[eE][+-]?\d+)?|[^\s;,=]+)")
 """Word before its value, as in `X= 2081.434`."""
@@ -149,18 +158,15 @@ def _may_be_row(line: Line) -> bool:
 
 def _filled_lines(text: str, name: str, option: str) -> list[Line]:
     """Return the lines that are not empty, numbered as in the file; raise `ShotsInvalid`."""
-    # UTF-16 of Latin letters decodes as UTF-8 without an error, with a NUL beside each letter.
-    if "\0" in text:
-        number = text.count("\n", 0, text.index("\0")) + 1
-        raise ShotsInvalid(
-            f"{name}:{number}: has NUL characters, as UTF-16 without a byte-order mark",
-            remedy=f"give {option}encoding utf-16, or save the file as plain text in UTF-8",
-        )
+    try:  # a growing file is decoded elsewhere
+        check_no_nul(text, name, f"give {option}encoding utf-16, or {SAVE_AS_UTF8}")
+    except FileRefused as error:
+        raise ShotsInvalid(error.problem, remedy=error.remedy) from error
     lines = []
     for number, line in enumerate(StringIO(text, newline=None), start=1):
         if line.strip():
             mark = _COMMENT.match(line.lstrip())
-            content = line.lstrip().lstrip("#/;") if mark else line
+            content = line.lstrip().lstrip("#/;%!") if mark else line
             lines.append(Line(f"{name}:{number}", content.strip(" \r\n"), mark is not None))
     return _without_keys(lines)
 

@@ -117,3 +117,9 @@ def test_yaml_that_stands_for_too_much_is_refused_with_its_line(monkeypatch, tex
     assert time.process_time() - began_s < 5.0
     assert refused.value.problem.startswith(words)
     assert len(str(refused.value)) < 500
+
+
+@pytest.mark.parametrize("codec", ["utf-16-le", "utf-16-be", "utf-32-le"])
+def test_nul_characters_are_named_as_what_they_may_be(codec):
+    with pytest.raises(bounded_files.FileRefused, match="f:1: has NUL characters: no text, or UTF"):
+        bounded_files.decoded("pair,q0_deg\n1,2\n".encode(codec), "f")

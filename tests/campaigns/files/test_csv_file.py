@@ -105,11 +105,40 @@ def test_what_is_wrong_is_answered_with_its_line_and_what_to_do(old, new, line, 
         ",shot,x_mm,set\n0,1,2000.5,drift\n1,2,30,\n",
         FILE + FILE,
         FILE.replace("1,2000", "1.0,2000").replace("30", "3.0D+01"),
+        "Shots of cell 7; measured by A. B., 2 h\n\n" + FILE,
+        "Cell;7;\n" + FILE.replace(",", ";").replace(".", ","),
+        "% shots of 2026\n! twice\n" + FILE,
+        FILE.replace("\n2,", "\n# by hand, again\n2,") + "// end\n",
+        FILE.replace("\n2,", "\n# 1,2000.5,drift\n2,"),
+        "No.,shot,x_mm,set\n1,1,2000.5,drift\n2,2,30,\n",
+        "Unnamed: 0;shot;x_mm;set\n0;1;2000,5;drift\n1;2;30;\n",
+        FILE.replace("set\n", "set\n-,mm,\n"),
+        FILE.replace("x_mm", "X").replace("set\n", "set\n,[mm],-\n").replace("X", "x_mm"),
+        FILE.replace("x_mm", "x (millimetres)"),
+        FILE.replace("1,2000.5", '1, "2000,5"'),
         "shot x_mm\n1  2000.5\n2 \N{MINUS SIGN}30\n".replace("\N{MINUS SIGN}30", "30°"),
     ],
 )
 def test_form_is_recognised_whoever_wrote_it(text):
     assert numbers(text)[:2] == [(1, 2000.5), (2, 30.0)]
+
+
+@pytest.mark.parametrize(
+    ("text", "where", "words"),
+    [
+        ("1,2000.5,drift\n" + FILE, 1, "reads as a row above the line that names the columns"),
+        (FILE.replace("set\n", "set\n-,inch,\n"), 2, "shot is '-', must be a whole number"),
+        ("Cell 7\n" + FILE.replace("x_mm", "x_m"), 2, "unknown column 'x_m'"),
+        ("time,shot,x_mm\n0,1,2\n10,2,3\n20,3,4\n", 1, "unknown column 'time'"),
+        (FILE.replace("2,30,", "# 2,30,drift,9"), None, ""),
+    ],
+)
+def test_what_is_no_title_no_unit_and_no_index_is_not_passed_over(text, where, words):
+    if where is None:
+        assert numbers(text) == [(1, 2000.5)]
+        return
+    with pytest.raises(ShotsInvalid, match=f"^f:{where}: {words}"):
+        numbers(text)
 
 
 JOINTS = CsvForm(
@@ -136,6 +165,20 @@ def test_columns_alike_but_for_a_number_are_the_numbered_ones_in_their_order(hea
     order = [header.split(",")[place] for place in (0, 3, 1, 2)]
     (row,) = parse_csv(f"{','.join(order)}\nP1,-3.5,1.5,2.5\n", "f", JOINTS)
     assert row.values(JOINTS.numbered) == (1.5, 2.5, -3.5)
+
+
+def test_names_may_begin_as_comments_do():
+    text = "name,q0_deg,q1_deg,q2_deg\n#1,1,2,3\n# 2,1,2,3\n#3,1\n"
+    assert [row.text("name") for row in parse_csv(text, "f", JOINTS)] == ["#1"]
+
+
+@pytest.mark.parametrize("header", ["no.,J1,J2,J3", "index;J1;J2;J3", "Unnamed: 0\tq1\tq2\tq3"])
+def test_an_index_is_the_name_of_rows_without_another(header):
+    mark = header[-3]
+    rows = f"{mark.join(['1', '1.5', '2', '3'])}\n{mark.join(['2', '4', '5', '6'])}\n"
+    read = [*parse_csv(f"{header}\n{rows}", "f", JOINTS)]
+    assert [row.text("name") for row in read] == ["1", "2"]
+    assert read[1].values(JOINTS.numbered) == (4.0, 5.0, 6.0)
 
 
 @pytest.mark.parametrize(

@@ -410,7 +410,7 @@ class TestEncodings:
         with pytest.raises(ShotsInvalid, match=said):
             read_points(path, PointFormat())
         path.write_bytes(b"Name;X [mm]\n".decode().encode("utf-16-le"))
-        with pytest.raises(ShotsInvalid, match=r"points\.txt:1: has NUL .* give --encoding utf-16"):
+        with pytest.raises(ShotsInvalid, match=r"points\.txt:1: has NUL .* give --encoding utf-8"):
             read_points(path, PointFormat())
 
 
