@@ -28,7 +28,14 @@ from campaigns.kinematics.mechanism import Mechanism
 from campaigns.shots.columns import check_pairs
 from campaigns.shots.point_files import NAME_JOINT, NamedPoint, PointFile
 from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, ShotSet
-from campaigns.shots.shots_csv import PLAIN, ShotRow, joints_rows, names_joints, table_text
+from campaigns.shots.shots_csv import (
+    PLAIN,
+    ShotRow,
+    joints_rows,
+    names_joints,
+    table_text,
+    with_iso_times,
+)
 from campaigns.shots.turn_forms import TurnForm
 from drivers.bounded_files import (
     CSV_BYTES,
@@ -138,7 +145,8 @@ def read_joints(
     rows = [*joints_rows(text, str(joints), mechanism, default, turns, notation.decimal)]
     if not rows:
         raise ShotsInvalid(f"{joints}: holds no joints", remedy="check that it is the right file")
-    return rows
+    shots = with_iso_times([shot for _, shot in rows])
+    return [(row, shot) for (row, _), shot in zip(rows, shots, strict=True)]
 
 
 def holds_joints(path: Path, mechanism: Mechanism, encoding: Encoding | None = None) -> bool:

@@ -18,9 +18,7 @@ A tracker that writes points into a growing file is read by the functions for si
 
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 from io import StringIO
 from pathlib import Path
 from typing import get_args
@@ -29,7 +27,6 @@ from campaigns.arrays import AXES
 from campaigns.errors import ShotsInvalid
 from campaigns.files.cells import (
     COMMENT,
-    NUMBER,
     SEPARATORS,
     decimal_sign,
     is_number,
@@ -50,6 +47,7 @@ from campaigns.shots.point_layout import (
     find_layout,
 )
 from campaigns.shots.point_words import MM_PER_UNIT, LengthUnit
+from campaigns.shots.time_texts import iso_times
 from drivers.bounded_files import (
     CSV_BYTES,
     SAVE_AS_UTF8,
@@ -67,8 +65,16 @@ FARTHEST_MM = 1e8
 """Largest coordinate that is accepted in any unit."""
 _COMMENT = re.compile(rf"{COMMENT.pattern}|;(?!(?:[^;]*;){{2}})")
 """Mark of a comment; a row whose first column is empty begins with a semicolon, too."""
-_KEY_AND_VALUE = re.compile(r"([^\W\d]\w*)\s*[=:]\s*([+-]?[\d.,]*\d(?:[eE][+-]?\d+)?|[^\s;,=]+)")
-"""Word before its value, as in `X= 2081.434`."""
+_VALUE = r"[+-]?[\d.,]*\d(?:[eE][+-]?\d+)?"
+_KEY_AND_VALUE = re.compile(
+    rf"(?<!\w)(?P<key>[^\W\d]\w*+)\s*[=:]\s*(?P<value>{_VALUE}|[^\s;,=:{{}}]++(?!\s*[=:]))"
+    rf"|\b(?P<axis>[xyz])\s*(?P<at>{_VALUE})",
+    re.IGNORECASE,
+)
+"""Word before its value, as in `X= 2081.434`, or an axis before its number, as in `X2081.434`.
+
+Words are tried from their beginnings alone: the time grows with a line's length, not its square.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,18 +178,30 @@ def _filled_lines(text: str, name: str, option: str) -> list[Line]:
 
 
 def _without_keys(lines: list[Line]) -> list[Line]:
-    """Return lines of `KEY=value` as rows of values, with the keys of the first as a header."""
-    pairs = [[] if line.is_comment else _KEY_AND_VALUE.findall(line.text) for line in lines]
+    """Return lines of `KEY=value` as rows of values, with the keys of the first as a header.
+
+    What stands before the first key is the row's name, if each row has another.
+    """
+    pairs = [[] if line.is_comment else _keys_and_values(line.text) for line in lines]
     keys = [tuple(key for key, _ in of_line) for of_line in pairs]
     header = next((names for names in keys if {*AXES} <= {name.lower() for name in names}), None)
     if header is None:
         return lines
-    first = keys.index(header)
-    rows = [
-        Line(line.where, ";".join(value for _, value in of_line)) if names == header else line
-        for line, names, of_line in zip(lines, keys, pairs, strict=True)
-    ]
-    return [*rows[:first], Line(lines[first].where, ";".join(header)), *rows[first:]]
+    first, rows = keys.index(header), [row for row, names in enumerate(keys) if names == header]
+    before = {row: _KEY_AND_VALUE.split(lines[row].text)[0].strip(" \t:;,=({[") for row in rows}
+    is_named = all(before.values()) and len({*before.values()}) == len(rows)
+    replaced = [*lines]
+    for row in rows:
+        cells = [before[row]] * is_named + [value for _, value in pairs[row]]
+        replaced[row] = Line(lines[row].where, ";".join(cells))
+    heads = Line(lines[first].where, ";".join([*["name"] * is_named, *header]))
+    return [*replaced[:first], heads, *replaced[first:]]
+
+
+def _keys_and_values(text: str) -> list[tuple[str, str]]:
+    """Return the words of a line with their values."""
+    matches = _KEY_AND_VALUE.finditer(text)
+    return [(match["key"] or match["axis"], match["value"] or match["at"]) for match in matches]
 
 
 def _parse_lines(
@@ -298,8 +316,14 @@ def _point(line: Line, layout: Layout, form: PointFormat) -> NamedPoint:
         NAME_JOINT.join(text for role, text in columns if role == "name"),
         (x, y, z),
         _covariance_mm2(texts, layout, form),
-        " ".join(text for role, text in columns if role == "time").strip("' ") or None,
+        _time_of([text for role, text in columns if role == "time"], form),
     )
+
+
+def _time_of(texts: Sequence[str], form: PointFormat) -> str | None:
+    """Return the time in a line's cells, a number with a decimal point; None: there is none."""
+    text = " ".join(texts).strip("' ")
+    return point_text(text, form.decimal) or text or None
 
 
 def _length_mm(cell: str, text: str, form: PointFormat) -> float:
@@ -363,25 +387,14 @@ def _with_usable_columns(
             points = [replace(point, covariance_mm2=None) for point in points]
             notes.append(f"{missing.where}: an uncertainty is not above zero: none of them is used")
     if "time" in roles:
-        times = [_iso_time(point.time or "") for point in points]
+        times = iso_times([point.time or "" for point in points])
         if None in times:
             unread = points[times.index(None)]
-            notes.append(f"{unread.where}: time '{shown(unread.time or '')}' cannot be read")
+            text = f"time '{shown(unread.time or '')}' cannot be read, or in two ways"
+            notes.append(f"{unread.where}: {text}: the order of rows counts")
             times = [None] * len(points)
         points = [replace(p, time=time) for p, time in zip(points, times, strict=True)]
     return points, notes
-
-
-def _iso_time(text: str) -> str | None:
-    """Return a time as ISO 8601 or a number: also of `11.10.2022 15:06:00.043`; None if neither."""
-    if NUMBER.fullmatch(text):
-        return text
-    with suppress(ValueError):
-        return datetime.fromisoformat(text).isoformat()
-    for form in ("%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S"):
-        with suppress(ValueError):
-            return datetime.strptime(text.replace(",", "."), form).isoformat()  # noqa: DTZ007 - without a zone
-    return None
 
 
 def _check_unique(points: Sequence[NamedPoint]) -> None:

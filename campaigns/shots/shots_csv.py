@@ -32,6 +32,7 @@ from campaigns.files.text_file import read_text, write_text_unless_there
 from campaigns.kinematics.mechanism import Mechanism
 from campaigns.shots import columns
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.time_texts import is_time, iso_times
 from campaigns.shots.turn_forms import TurnForm, foreign_columns, turn_values, turns_of
 from drivers.bounded_files import CSV_BYTES, SAVE_AS_UTF8, Encoding
 from drivers.values import Matrix3, Vector3, is_positive_definite, vector
@@ -206,9 +207,18 @@ def parse_shots(
     rows = list(parse_csv(text, name, _form(mechanism), decimal))
     if not rows:
         raise ShotsInvalid(f"{name}: holds no shots", remedy="check that it is the right file")
-    shots = tuple(_shot_of(row, mechanism, default, turns) for row in rows)
+    shots = with_iso_times([_shot_of(row, mechanism, default, turns) for row in rows])
     columns.check_pairs(rows, [shot.purpose for shot in shots], [shot.pair for shot in shots])
     return shots
+
+
+def with_iso_times(shots: Sequence[ShotRow]) -> tuple[ShotRow, ...]:
+    """Return shots with the times of other software as ISO 8601; others stay as they are."""
+    texts = [shot.time or "" for shot in shots]
+    return tuple(
+        replace(shot, time=time) if time is not None and not is_time(text) else shot
+        for shot, text, time in zip(shots, texts, iso_times(texts), strict=True)
+    )
 
 
 def names_joints(text: str, mechanism: Mechanism) -> bool:

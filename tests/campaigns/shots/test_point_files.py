@@ -1,6 +1,8 @@
 """Point files of SpatialAnalyzer and OpenIndy: what they mean, and what they cannot tell."""
 
 import math
+import time
+from contextlib import suppress
 from functools import partial
 
 import pytest
@@ -306,6 +308,31 @@ class TestHeaders:
         points = read(f"Pos 1\n{line}\n{line.replace('Cnt=1', 'Cnt=2').replace('P1', 'P2')}\n")
         assert {point.point_mm for point in points.points} == {(2081.434, 156.993, -892.511)}
         assert len(points.points) == 2
+
+    @pytest.mark.parametrize(
+        ("line", "name"),
+        [
+            ("P1 X=2081,434 Y=156,993 Z=-892,511", "P1"),
+            ("P1: X = 2081.434, Y = 156.993, Z = -892.511", "P1"),
+            ("P1 {X 2081.434,Y 156.993,Z -892.511,A 0.0,B 0.0,C 0.0}", "P1"),
+            ("N1 X2081.434 Y156.993 Z-892.511", "N1"),
+            ("G1 X2081.434 Y156.993 Z-892.511", ""),
+            ("{X 2081.434, Y 156.993, Z -892.511}", ""),
+            ("name=P1 x=2081,434 y=156,993 z=-892,511", "P1"),
+        ],
+    )
+    def test_what_stands_before_the_axes_is_the_name_if_it_differs(self, line, name):
+        other = line.replace("P1", "P2").replace("N1", "N2").replace("892", "893")
+        points = read(f"{line}\n{other}\n").points
+        assert points[0].point_mm == (2081.434, 156.993, -892.511)
+        assert [point.name for point in points] == [name, name.replace("1", "2")]
+
+    @pytest.mark.parametrize("piece", ["a", "x", "1", "a= ", "x1,1.", "a=b:", "a  "])
+    def test_a_long_line_takes_no_long_time(self, piece):
+        begun = time.process_time()
+        with suppress(ShotsInvalid):
+            read(f"X=1 Y=2 Z=3\n{piece * (90_000 // len(piece))}\n")
+        assert time.process_time() - begun < 2.0
 
     def test_rows_of_other_words_are_named(self):
         said = complaint("X=1 Y=2 Z=3\nX=1 Y=2\n")

@@ -13,7 +13,14 @@ from refusals import refusal, refusal_if_any
 from campaigns.errors import OutputExists, ShotsInvalid
 from campaigns.kinematics.catalog import PAR4
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots_csv import ShotRow, parse_shots, read_shots, shots_text, write_shots
+from campaigns.shots.shots_csv import (
+    ShotRow,
+    parse_shots,
+    read_shots,
+    shots_text,
+    time_order,
+    write_shots,
+)
 
 HEADER = "pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm\n"
 SHOTS = HEADER + (
@@ -173,3 +180,22 @@ def test_any_shots_are_the_same_shots_after_writing_and_reading(shots):
         assert (back.pair, back.purpose) == (shot.pair, shot.purpose)
         assert back.covariance_mm2 == shot.covariance_mm2
         assert (back.temperature_degC, back.time) == (shot.temperature_degC, shot.time)
+
+
+@pytest.mark.parametrize(
+    ("times", "read_as"),
+    [
+        (("25.10.2026 02:59", "25.10.2026 02:01"), "2026-10-25T02:59:00"),
+        (("10/25/2026 2:59:00 AM", "10/25/2026 2:01:00 AM"), "2026-10-25T02:59:00"),
+        (("0,25", "7,5"), "0.25"),
+        (("2026-10-25T02:59:00.000Z", "2026-10-25T03:01:00Z"), "2026-10-25T02:59:00.000Z"),
+        (("before noon", "later"), "before noon"),
+    ],
+)
+def test_times_are_read_as_other_software_writes_them(times, read_as):
+    rows = "".join(f"0;1,5;2;3;4;{2000 + n},5;10;-300;{time}\n" for n, time in enumerate(times))
+    shots = read(f"pair;q0_deg;q1_deg;q2_deg;q3_deg;x_mm;y_mm;z_mm;time\n{rows}")
+    assert shots[0].time == read_as
+    order, _ = time_order([shot.time for shot in shots])
+    # the clock of summer time was set back between the rows
+    assert order is None if read_as == "before noon" else list(order) == [0, 1]
