@@ -432,7 +432,8 @@ def _columns(header: Sequence[str], form: CsvForm) -> list[str]:
 
 
 def _words(heading: str) -> str:
-    words = re.findall(r"[^\W_]+", heading.lower())
+    text = heading.lower().replace("°c", " degc ").replace("°", " deg ")
+    words = re.findall(r"[^\W_]+", text)
     return "_".join(UNIT_WORDS.get(word, word) for word in words)
 
 

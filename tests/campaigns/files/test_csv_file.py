@@ -156,6 +156,8 @@ JOINTS = CsvForm(
         "name,q1_deg,q2_deg,q3_deg",
         "Name,Joint 1 [deg],Joint 2 [deg],Joint 3 [deg]",
         ",q0_deg,q1_deg,q2_deg",
+        "name,q0 (degrees),q1 (degrees),q2 (degrees)",
+        "name,q0 [°],q1 °,Q2_°",
         "name,q0,q1,q2",
     ],
 )
