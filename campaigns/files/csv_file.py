@@ -51,8 +51,6 @@ BYTE_ORDER_MARK = "\ufeff"
 """Beginning by which spreadsheets recognise UTF-8; every reader of ours passes over it."""
 MOST_LINES = 50_000
 """Largest number of lines that are read, more than twice what a campaign can plan."""
-MOST_ABOVE = 100
-"""Number of lines among which the header is looked for: others are no titles."""
 MOST_CHARACTERS = 100_000
 """Longest line that is read; a row of any instrument has a hundredth of it."""
 
@@ -63,8 +61,8 @@ UNIT_WORDS = {
 """Units of columns by the words that other software has for them."""
 _SEPARATOR_LINE = re.compile(r'"?sep=([;,\t]?)"?', re.I)
 """Line that states the separator for a spreadsheet."""
-_NUMBERED = re.compile(r"(.*[^\W\d].*?|[^\W\d])(\d{1,2})(\D*)")
-"""Heading with a number in it: what stands before, the number, what stands behind."""
+_NUMBERED = re.compile(r"(.*[^\W\d][\W]*)(\d{1,2})(\D*)")
+"""Heading with a number behind a word: what stands before, the number, what stands behind."""
 
 
 def number_text(value: float) -> str:
@@ -322,7 +320,7 @@ def _header_place(text: str, form: CsvForm) -> HeaderPlace:
     stated: str | None = None
     best: HeaderPlace | None = None
     most = above = 0
-    for line in islice(io.StringIO(text, newline=None), MOST_ABOVE):
+    for line in io.StringIO(text[:MOST_CHARACTERS], newline=None):  # more are no titles
         if match := _SEPARATOR_LINE.fullmatch(line.strip()):
             stated = match[1]
         elif line.strip():

@@ -17,7 +17,7 @@ A tracker that writes points into a growing file is read by the functions for si
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from io import StringIO
 from pathlib import Path
@@ -27,6 +27,7 @@ from campaigns.arrays import AXES
 from campaigns.errors import ShotsInvalid
 from campaigns.files.cells import (
     COMMENT,
+    GROUPED,
     SEPARATORS,
     decimal_sign,
     is_number,
@@ -245,6 +246,9 @@ def _parse_lines(
         quoted = ", ".join(f"'{shown(line.text)}'" for line in header[:3])
         count = "1 header line" if len(header) == 1 else f"{len(header)} header lines"
         about.append(f"{name}: {count} skipped: {quoted}{', …' if len(header) > 3 else ''}")
+    if form.decimal and not given and (grouped := _first_grouped(layout)):
+        read_as = point_text(grouped, form.decimal)
+        about.append(f"{name}: thousands are grouped: '{shown(grouped)}' is {read_as}")
     if layout.unit not in {None, unit}:
         about.append(f"{name}: the header states {layout.unit}, {form.option}unit {unit} is used")
     return PointFile(name, tuple(points), unit, (*about, *notes), _unused(layout))
@@ -264,11 +268,21 @@ def _with_decimal(form: PointFormat, layout: Layout) -> PointFormat:
     """Return the format with the decimal sign of the rows' numbers, unless the user gave one."""
     if form.decimal is not None:
         return form
+    return replace(form, decimal=decimal_sign(_numbers(layout)))
+
+
+def _numbers(layout: Layout) -> Iterator[str]:
+    """Yield the texts of coordinates and uncertainties."""
     roles = {*AXES, *SIGMAS, *EXPANDED}
     places = [place for place, role in enumerate(layout.order) if role in roles]
-    table = [split_line(line.text, layout.separator) for line in layout.rows]
-    numbers = (cells[place] for cells in table for place in places if place < len(cells))
-    return replace(form, decimal=decimal_sign(numbers))
+    table = (split_line(line.text, layout.separator) for line in layout.rows)
+    yield from (cells[place] for cells in table for place in places if place < len(cells))
+
+
+def _first_grouped(layout: Layout) -> str | None:
+    """Return the first number with both groups of thousands and decimals."""
+    matches = (match for text in _numbers(layout) if (match := GROUPED.fullmatch(text)))
+    return next((match[0] for match in matches if match["rest"]), None)
 
 
 def _with_half_digit(layout: Layout, form: PointFormat) -> tuple[Layout, int]:

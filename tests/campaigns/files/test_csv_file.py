@@ -244,3 +244,11 @@ def test_a_file_for_spreadsheets_with_decimal_commas_comes_back(rows):
 )
 def test_only_numbers_get_decimal_commas(text, written):
     assert spreadsheet_text(f"a,b\n{text},x\n") == f"\ufeffa;b\n{written};x\n"
+
+
+@pytest.mark.parametrize("piece", ["a,", "a1,", "a;b ", "1,", "shot,", " ", "a ", "J", "a- "])
+def test_lines_of_anything_take_no_long_time(piece):
+    begun = time.process_time()
+    with pytest.raises(ShotsInvalid):
+        numbers((piece * (90_000 // len(piece)) + "\n") * 5)
+    assert time.process_time() - begun < 6.0

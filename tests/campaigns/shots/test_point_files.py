@@ -379,7 +379,9 @@ class TestNotations:
         ],
     )
     def test_thousands_are_read_where_a_number_shows_how_they_are_grouped(self, line, point):
-        assert found(f"name{line[2]}x{line[2]}y{line[2]}z\n{line}\n")["p1"] == point
+        text = f"name{line[2]}x{line[2]}y{line[2]}z\n{line}\n"
+        assert found(text)["p1"] == point
+        assert "thousands are grouped: '1" in notes(text)
 
     @pytest.mark.parametrize("lines", ["x;y;z\n510,012;135,487;1\n12,5;1;2\n", "12,5;1;2\n"])
     def test_a_growing_file_decides_by_all_its_rows(self, lines):
