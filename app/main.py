@@ -36,7 +36,7 @@ from app.streams import make_streams_last, print_document
 from campaigns.errors import OptionsInvalid
 from campaigns.removed import removed_in_command
 from campaigns.version import VERSION, commit
-from drivers.errors import ExplainedError
+from drivers.errors import ExplainedError, LinkDown, MotionFault, RobotStateUnknown
 from drivers.texts import printable, quoted, shortened
 
 HELP = """Calibrates parallel robots with a laser tracker.
@@ -54,6 +54,8 @@ usage; 3 a device failed or refused; 4 the journal or another file could not be 
 value and limit, what to do next.
 """
 
+MEASURING = {"run", "validate", "check"}
+"""Commands that go on where they ended, once they are typed again."""
 COMMANDS = {
     "new": ("new", "Make a campaign's folder: settings and nominal robot."),
     "devices": ("devices", "Connect to both devices and show their state."),
@@ -332,10 +334,21 @@ def _explain_error(error: Exception, arguments: list[str]) -> tuple[str, Exit]:
     if isinstance(error, TyperException):
         return _usage_line(error), Exit.BAD_INPUT
     if isinstance(error, ExplainedError):
-        text = f"{error}{f' ({error.page})' if error.page else ''}"
+        text = f"{error}{f' ({error.page})' if error.page else ''}{_resumption(error, arguments)}"
         return PAGE.sub(r"`pkmcal help \1\2`", text), exit_code(error)
     problem = f"unforeseen {type(error).__name__}: {error}"
     return f"{problem} → report it, with what `pkmcal --debug …` shows", Exit.BUG
+
+
+def _resumption(error: ExplainedError, arguments: list[str]) -> str:
+    """Return how measuring goes on once the device works again; "" after any other error."""
+    command = next((word for word in arguments if not word.startswith("-")), "")
+    if command not in MEASURING or not isinstance(
+        error, LinkDown | MotionFault | RobotStateUnknown
+    ):
+        return ""
+    words = (word if word.startswith("-") else quoted(word) for word in arguments)
+    return f"; then `pkmcal {' '.join(words)}` resumes"
 
 
 def _with_folder(text: str, arguments: list[str]) -> str:

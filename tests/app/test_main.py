@@ -15,7 +15,7 @@ from app import main
 from app.interrupt import WATCHED
 from app.main import run_command
 from campaigns.version import COMMIT_FILE, commit
-from drivers.errors import LinkDown
+from drivers.errors import EmergencyStop, LinkDown, RobotStateUnknown
 
 COMMANDS = tuple(main.COMMANDS)
 REPOSITORY = Path(__file__).parents[2]
@@ -169,6 +169,17 @@ def test_debug_shows_where_it_arose(pkmcal, failing, error):
     assert "Traceback" in err
     assert "in opened" in err
     assert err.splitlines()[-1].startswith("pkmcal: ")
+
+
+def test_a_lost_or_stopped_device_names_the_command_that_resumes(pkmcal, failing):
+    """Only of what measures; the robot's stop comes first."""
+    _, folder = failing(RobotStateUnknown("no answer", remedy="use the hardware stop"))
+    line = pkmcal("validate", folder, "--stage", "before").error_line
+    assert line.startswith("PRESS THE EMERGENCY STOP: no answer → use the hardware stop; then ")
+    assert line.endswith(f"then `pkmcal validate {folder} --stage before` resumes")
+    failing(EmergencyStop("it is pressed", remedy="release it"))
+    assert pkmcal("run", folder).error_line.endswith(f"then `pkmcal run {folder}` resumes")
+    assert "resumes" not in pkmcal("devices", folder).error_line
 
 
 IMPORTED = """
