@@ -31,7 +31,7 @@ from campaigns.controllers.controller_state import ControllerState, KnownSets
 from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.controllers.export import PLAIN, WrittenSet, written_sets
 from campaigns.controllers.load_journal import Load, load_history, read_load
-from campaigns.errors import CampaignError, FindingUnreadable, PlanInvalid
+from campaigns.errors import CampaignError, FindingUnreadable, OutputExists, PlanInvalid
 from campaigns.evaluation import model_errors, validation
 from campaigns.evaluation.robot_scatter import RobotScatter
 from campaigns.evaluation.simulated_devices import OWN_EQUATIONS, simulated_devices
@@ -78,10 +78,12 @@ from campaigns.shots.observations_csv import read_observations
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_journal
 from campaigns.shots.stops import by_stops
-from drivers.bounded_files import is_file
+from drivers.bounded_files import is_file, is_there
 from drivers.texts import quoted
 
 FoundT = TypeVar("FoundT")
+HEAD_BYTES = 1000
+"""Bytes at the beginning of a file that show whether it is a report."""
 STAGES: Mapping[Literal["before", "after"], frozenset[Stage]] = {
     "before": frozenset({"before"}),
     "after": frozenset({"after", "after by targets"}),
@@ -457,6 +459,28 @@ class Evaluation:
 def program_path(folder: Path, stage: str) -> Path:
     """Return the file of a stage's program for a controller out of reach."""
     return folder / f"program-{stage}.csv"
+
+
+def joints_path(folder: Path, stage: str) -> Path:
+    """Return the file of the joints of a stage's shots, for `import`."""
+    return folder / f"program-{stage}-joints.csv"
+
+
+def head_of(path: Path) -> bytes:
+    """Return the beginning of a file; empty if it cannot be read."""
+    with suppress(OSError):
+        if is_file(path):
+            with path.open("rb") as file:
+                return file.read(HEAD_BYTES)
+    return b""
+
+
+def refuse_other_report(path: Path) -> None:
+    """Raise `OutputExists` for a file at a report's place that is no report."""
+    if is_there(path) and b'name="generator" content="pkmcal' not in head_of(path):
+        raise OutputExists(
+            f"{path} already exists and is no report", remedy="name another, or move this one away"
+        )
 
 
 def is_program_there(folder: Path, stage: str, digest: str) -> bool:

@@ -4,20 +4,21 @@ import re
 import shutil
 import subprocess
 import tempfile
+import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.console import BAD, DECISIONS, Terminal
+from app.console import BAD, DECISIONS, WARNING, Terminal
 from app.next import tell_next, tell_who_works
 from app.options import Excel, for_spreadsheets
 from app.report.terminal_text import limits_met
 from app.report.values import COLUMNS, reported_values, values_csv
 from campaigns.campaign import Campaign, now_utc
 from campaigns.errors import OptionsInvalid, OutputExists, WriteFailed
-from campaigns.evidence import evaluate
+from campaigns.evidence import evaluate, head_of, refuse_other_report
 from campaigns.files.text_file import replace_text
 from campaigns.planning.plan_file import move_aside
 from drivers.bounded_files import is_file, is_there
@@ -31,8 +32,6 @@ VERDICT = re.compile(rb'id="verdict" class="([a-z-]+)"')
 """Place of the verdict on a page."""
 TABLE_SUFFIX = ".csv"
 """End of the name of a report's figures."""
-HEAD_BYTES = 1000
-"""Bytes at the beginning of a file that show whether it is a report."""
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
 BROWSER_OPTIONS = (
@@ -58,6 +57,7 @@ def command(
         bool, typer.Option("--csv", help="Also a CSV file of the figures beside it, a row each.")
     ] = False,
     excel: Excel = False,
+    open_: Annotated[bool, typer.Option("--open", help="Open it in the browser.")] = False,
 ) -> None:
     """Write the report: the whole campaign on one page.
 
@@ -79,6 +79,35 @@ def command(
     tell_who_works(terminal, campaign)
     with terminal.telling("reading the campaign and drawing the figures"):
         page, path, former = report(campaign, to)
+    _show(terminal, page, path, former)
+    values = reported_values(page.evaluation)
+    if csv:
+        table = path.with_suffix(TABLE_SUFFIX)
+        replace_text(table, values_csv(campaign.config.name, values))
+        for_spreadsheets([table] if excel else ())
+        terminal.say(f"written: {table}")
+    if open_ and not webbrowser.open(path.resolve().as_uri()):
+        terminal.note("no browser opens it here: copy the file to where one is", WARNING)
+    if browser is not None:
+        with terminal.telling(f"printing by {browser}"):
+            print_by_browser(browser, path, path.with_suffix(".pdf"))
+        terminal.say(f"written: {path.with_suffix('.pdf')}")
+    verdict = page.evaluation.verdict
+    answer = {
+        "path": path,
+        "decision": verdict.decision,
+        "reasons": verdict.reasons,
+        "missing": page.missing,
+        "figures": page.figures,
+        "values": values,
+        "former": former,
+    }
+    following = tell_next(terminal, campaign, reported=True, evaluation=page.evaluation)
+    terminal.conclude(answer, following, is_good=verdict.decision != "fail")
+
+
+def _show(terminal: Terminal, page: "Page", path: Path, former: "FormerReport | None") -> None:
+    """Print a page's verdict, what stands against it, and the page's address."""
     verdict = page.evaluation.verdict
     terminal.say(f"verdict: {verdict.decision}", DECISIONS[verdict.decision])
     if verdict.decision == "pass":
@@ -93,27 +122,6 @@ def command(
     for text in page.missing:
         terminal.note(f"missing: {text}")
     terminal.say(f"Open {path.resolve().as_uri()}")
-    values = reported_values(page.evaluation)
-    if csv:
-        table = path.with_suffix(TABLE_SUFFIX)
-        replace_text(table, values_csv(campaign.config.name, values))
-        for_spreadsheets([table] if excel else ())
-        terminal.say(f"written: {table}")
-    if browser is not None:
-        with terminal.telling(f"printing by {browser}"):
-            print_by_browser(browser, path, path.with_suffix(".pdf"))
-        terminal.say(f"written: {path.with_suffix('.pdf')}")
-    answer = {
-        "path": path,
-        "decision": verdict.decision,
-        "reasons": verdict.reasons,
-        "missing": page.missing,
-        "figures": page.figures,
-        "values": values,
-        "former": former,
-    }
-    following = tell_next(terminal, campaign, reported=True, evaluation=page.evaluation)
-    terminal.conclude(answer, following, is_good=verdict.decision != "fail")
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +149,7 @@ def report(campaign: Campaign, to: Path | None = None) -> "tuple[Page, Path, For
     from app.report.page import page_of  # with matplotlib, 1 s that --help need not wait for
 
     path = to or campaign.path(FILE_NAME)
-    _refuse_other_file(path)
+    refuse_other_report(path)
     page = page_of(evaluate(campaign), now_utc())
     former = _keep_former(path, page.evaluation.verdict.decision)
     replace_text(path, page.html)
@@ -170,29 +178,10 @@ def _keep_former(path: Path, decision: str) -> FormerReport | None:
     return FormerReport(former, path, kept)
 
 
-def _head_of(path: Path) -> bytes:
-    """Return the beginning of a file; empty if it cannot be read."""
-    if not is_file(path):
-        return b""
-    try:
-        with path.open("rb") as file:
-            return file.read(HEAD_BYTES)
-    except OSError:
-        return b""
-
-
 def _is_table(path: Path) -> bool:
     """Return whether a file begins as the figures of a report do, for spreadsheets or not."""
     heads = [column.head for column in COLUMNS]
-    return any(mark.join(heads).encode() in _head_of(path) for mark in ",;")
-
-
-def _refuse_other_file(path: Path) -> None:
-    """Raise `OutputExists` for a file that exists and is no report."""
-    if is_there(path) and b'name="generator" content="pkmcal' not in _head_of(path):
-        raise OutputExists(
-            f"{path} already exists and is no report", remedy="name another, or move this one away"
-        )
+    return any(mark.join(heads).encode() in head_of(path) for mark in ",;")
 
 
 def _refuse_other_table(page: Path) -> None:

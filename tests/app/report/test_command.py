@@ -31,6 +31,18 @@ def test_a_verdict_of_fail_is_exit_code_1_and_the_report_is_written(tmp_path: Pa
     assert f"missing: {document['missing'][0]}" in ended.err
 
 
+@pytest.mark.parametrize("is_there", [True, False])
+def test_open_shows_the_page_and_says_where_no_browser_is(
+    pkmcal, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_there: bool
+) -> None:
+    folder, opened = new_campaign(tmp_path / "paper").folder, list[str]()
+    monkeypatch.setattr("webbrowser.open", lambda uri: opened.append(uri) or is_there)
+    ended = pkmcal("report", folder, "--open")
+    assert opened == [(folder / "report.html").as_uri()]
+    assert f"Open {opened[0]}" in ended.out
+    assert ("no browser opens it here" in ended.err) is not is_there
+
+
 @pytest.fixture
 def browser_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """File into which the only browser on the path writes the words it was started with."""
