@@ -8,8 +8,9 @@ from campaigns.controllers.controller_state import ControllerState
 from campaigns.errors import CampaignError
 from campaigns.evidence import Evaluation, evaluate
 from campaigns.files.lock import lock_holder
-from campaigns.next_step import NextStep, next_step, state_of
+from campaigns.next_step import NextStep, state_of
 from campaigns.settings.instrument import StatedInstrument
+from campaigns.workflow.next_hint import next_hint
 
 BY_DEFAULT = (
     "in campaign.yaml names no data sheet: U will rest on default limits, by which no certificate "
@@ -43,15 +44,18 @@ def tell_next(
     reported: bool | None = None,
     held: ControllerState | None = None,
     evaluation: Evaluation | None = None,
+    answered: bool = False,
 ) -> NextStep | None:
     """Print which command is next, and return it for `--json`; None if none is known.
 
-    `reported` and `held` as for `state_of`; `evaluation`: the campaign's, if already made.
+    `reported` and `held` as for `state_of`; `evaluation`: the campaign's, if already made;
+    `answered`: whether both devices answered just now.
     """
     try:
         state = state_of(evaluation or evaluate(campaign), reported=reported, held=held)
         worker = lock_holder(campaign.folder)
-        step = next_step(replace(state, worker=worker.says if worker else ""))
+        state = replace(state, worker=worker.says if worker else "", answered=answered)
+        step = next_hint(campaign, state)
     except CampaignError:
         # evidence that cannot be read must not turn a command that has succeeded into a failure
         return None

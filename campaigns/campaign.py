@@ -119,16 +119,16 @@ class CampaignFolder:
             raise ConfigInvalid(
                 f"{self.folder} is an offline campaign, without a controller and a tracker to "
                 "connect to",
-                remedy=f"`pkmcal import {self.folder} FILE` imports what was measured, with "
+                remedy="`pkmcal import DIR FILE` imports what was measured, with "
                 "--stage before or after for a validation, check for a check; what `pkmcal export` "
-                f"writes is put into the controller by hand; "
-                f"`pkmcal status {self.folder}` says what is next",
+                "writes is put into the controller by hand; "
+                "`pkmcal status DIR` says what is next",
             )
         if not (HAS_POSIX or self.is_simulated):
             raise ConfigInvalid(
                 f"{self.folder}: devices are driven from Linux or macOS alone: this system lacks "
                 "the signals and keys by which a robot is stopped at any time",
-                remedy=f"measure from such a computer; `pkmcal status {self.folder}`, import, "
+                remedy="measure from such a computer; `pkmcal status DIR`, import, "
                 "identify, export and report work here",
             )
 

@@ -9,32 +9,38 @@
 # test walks all outcomes of each command from an empty folder to the end. Where no command can
 # change the state, as with limits that are not met, the row says first what to do by hand.
 #
-# Advice names commands with fixed options only. Options that an operator typed earlier are not
-# repeated: what was right for one identification may be wrong for the next. A plan that has to be
-# made again is the exception, for without its options it would be another campaign.
+# A row names a command without options that overrule or that a file asks for: those are added by
+# the command's own checks (`workflow/next_hint.py`), which know best what would be refused.
+#
+# Options that an operator typed earlier are not repeated: what was right for one identification may
+# be wrong for the next. A plan that has to be made again is the exception, for without its options
+# it would be another campaign.
 
-import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Literal
 
 from campaigns.controllers.controller_state import ControllerState
 from campaigns.controllers.delta_firmware import has_firmware
-from campaigns.controllers.export import FILE_NAME, PLAIN_FILE
+from campaigns.controllers.export import FILE_NAME
 from campaigns.evaluation.decision import NO_LIMIT, Decision
-from campaigns.evidence import Evaluation, Evidence
+from campaigns.evidence import Evaluation, Evidence, joints_path
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.identification import findings
 from campaigns.identification.determined import ON_PLANE
+from campaigns.identification.options import OF_SESSIONS
 from campaigns.identification.result import WITHOUT_SHOTS, RecordedIdentification
 from campaigns.journal.records import Event
 from campaigns.journal.views import Series
 from campaigns.kinematics.parameters import Parameters
 from campaigns.measuring.monitors import WRONG_PLACE
-from campaigns.planning.plan_file import plan_difference, series_by_plan
-from campaigns.shots.import_export import imported_files
+from campaigns.planning.plan_file import PlannedShot, plan_difference
+from campaigns.shots.import_export import ImportedFile, imported_files
 from campaigns.shots.observations_csv import FILE_NAME as OBSERVATIONS
-from drivers.texts import quoted
+from campaigns.shots.shot_sets import ShotSet
+from drivers.bounded_files import is_file
+from drivers.texts import as_word, quoted
 
 LOOK = "look through campaign.yaml (tracker.place_mm!)"
 LOOK_OFFLINE = f"{LOOK}, or state under objects what is measured without a tracker"
@@ -45,6 +51,10 @@ OBSERVE = (
 MEASURE = (
     "run program-{0} on the controller, measure at each of its stops, save that as {0}.txt in mm"
 )
+COVER = (
+    "poses are needed there; else leave that space out (`space` in campaign.yaml), and identify "
+    "again"
+)
 CHANGED = "look for what changed since the shots, and measure again"
 OTHER_LIMITS = "agree other limits with the customer ({reasons})"
 
@@ -53,12 +63,18 @@ OTHER_LIMITS = "agree other limits with the customer ({reasons})"
 class NextStep:
     """Next step of a campaign: a command, and what to do by hand before it."""
 
-    text: str
-    """Command as it is typed."""
+    words: tuple[str, ...]
+    """Command and its words, the campaign's folder the second of them; no shell's quotes yet."""
     first: str = ""
     """What to do by hand before the command; may be empty."""
     why: str = ""
     """Reason why the command is next; empty where it is evident."""
+
+    @property
+    def text(self) -> str:
+        """Command as it is typed."""
+        words = (word if word.startswith("--") else quoted(word) for word in self.words)
+        return " ".join(("pkmcal", *words))
 
     @property
     def before(self) -> str:
@@ -92,13 +108,13 @@ class CampaignState:
     """Whether an offline campaign has a program of plan.csv."""
     program_after: bool = False
     """Whether there is a program with the parameters that were exported last."""
+    answered: bool = False
+    """Whether both devices answered just now."""
     planned: bool = False
     to_observe: bool = False
     """Whether observations are planned alone, without shots, and still have no values."""
     plan_options: tuple[str, ...] = ()
     """Options that plan.csv was made with, as words."""
-    plan_measured: bool = False
-    """Whether anything was measured by plan.csv."""
     misplaced: str = ""
     """Place where the shots found the tracker, in words; empty if campaign.yaml agrees."""
     before: bool = False
@@ -113,24 +129,18 @@ class CampaignState:
     """Whether the latest import was measured from several stations of the tracker."""
     imported: str = "FILE"
     """Name of the file that was imported last."""
-    unmeasured: Literal["", "run", "anew"] = ""
-    """How to measure the shots of plan.csv that are not measured yet; empty: there are none.
-
-    `run` goes on with the series, `anew` begins another one, as measured rows were edited."""
+    unmeasured: bool = False
+    """Whether a run has still to measure shots of plan.csv."""
     verdict: Decision | None = None
     """Decision on an identification of the latest shots; None: they are not identified."""
     remedy: str = ""
     """Command that answers an identification that did not pass; empty: measure again."""
     remedy_first: str = ""
     """What to do by hand before that command."""
-    to_plan: bool = False
-    """Whether poses have to be planned for space that the shots do not cover; none are yet."""
     check: Literal["", "again", "update", "anew"] = ""
     """Answer to a check that did not pass: another check, an update by its shots, new shots."""
     to_export: Literal["", "yaml", "plain", "klipper"] = ""
     """Missing file: with all parameters, with those that the controller has, or a firmware's."""
-    overwrite: bool = False
-    """Whether an older file has the name of the missing one."""
     file: str = FILE_NAME
     """Robot file to load, in the campaign's folder."""
     holds: bool = False
@@ -171,8 +181,8 @@ ROWS = (
     Row(lambda s: s.to_observe and not (s.measured or s.offline), "run {folder}"),
     # set up and plan
     Row(
-        lambda s: bool(s.misplaced) and (not s.measured or s.unmeasured == "run"),
-        "plan {folder}{plan_options}",
+        lambda s: bool(s.misplaced) and (not s.measured or s.unmeasured),
+        "plan {folder} {plan_options}",
         "set tracker.place_mm in campaign.yaml ({misplaced})",
     ),
     Row(
@@ -186,11 +196,7 @@ ROWS = (
         OBSERVE,
     ),
     Row(lambda s: not (s.planned or s.measured) and s.offline, "plan {folder}", LOOK_OFFLINE),
-    Row(
-        lambda s: not (s.planned or s.measured or s.simulated),
-        "plan {folder}",
-        f"{LOOK}; `pkmcal devices {{folder}}` asks both devices",
-    ),
+    Row(lambda s: not (s.planned or s.measured or s.simulated), "plan {folder}", f"{LOOK}{{ask}}"),
     Row(lambda s: not (s.planned or s.measured), "plan {folder}"),
     # measure: an offline campaign by programs and imports, any other by validate and run
     Row(lambda s: not (s.measured or s.program) and s.offline, "plan {folder} --program csv"),
@@ -205,12 +211,10 @@ ROWS = (
         MEASURE.format("run"),
     ),
     Row(lambda s: not (s.measured or s.before), "validate {folder} --stage before"),
-    Row(lambda s: not s.measured or s.unmeasured == "run", "run {folder}"),
-    Row(lambda s: s.unmeasured == "anew", "run {folder} --anew"),
+    Row(lambda s: not s.measured or s.unmeasured, "run {folder}"),
     # identify, until an identification of the latest shots passes and no check contradicts it
-    Row(lambda s: s.verdict is None and s.stations, "identify {folder} --sessions"),
+    Row(lambda s: s.verdict is None and s.stations, f"identify {{folder}} {OF_SESSIONS}"),
     Row(lambda s: s.verdict is None, "identify {folder}"),
-    Row(lambda s: s.verdict != "pass" and s.to_plan, "plan {folder}", "{remedy_first}"),
     Row(lambda s: s.verdict != "pass", "{remedy}", "{remedy_first}"),
     Row(
         lambda s: s.check == "again" and s.offline,
@@ -239,11 +243,11 @@ ROWS = (
     ),
     Row(
         lambda s: s.to_export == "plain" and not s.after,
-        "export {folder} --format plain {overwrite}",
+        "export {folder} --format plain",
         why="the controller does not accept all parameters",
     ),
-    Row(lambda s: s.to_export == "klipper", "export {folder} --format klipper {overwrite}"),
-    Row(lambda s: s.to_export == "yaml", "export {folder} {overwrite}"),
+    Row(lambda s: s.to_export == "klipper", "export {folder} --format klipper"),
+    Row(lambda s: s.to_export == "yaml", "export {folder}"),
     Row(
         lambda s: not s.after and s.program and not s.program_after,
         "plan {folder} --program csv --stage after",
@@ -262,7 +266,7 @@ ROWS = (
     ),
     Row(
         lambda s: not (s.after or s.holds or (s.measured == "observations" and s.offline)),
-        "load {folder} {file}",
+        "load {folder} {robot}",
     ),
     Row(lambda s: not s.after and s.measured != "observations", "validate {folder} --stage after"),
     # report; what follows needs a decision of people, after which the report is made again
@@ -290,27 +294,35 @@ def next_step(state: CampaignState) -> NextStep | None:
     row = next((row for row in ROWS if row.applies(state)), None)
     if row is None:
         return None
-    folder, again = quoted(state.folder), f"import {{folder}} {quoted(state.imported)} --force"
-    if state.measured == "run":
-        again = "run {folder} --anew"
-    file = "" if state.file == FILE_NAME else quoted(f"{state.folder}/{state.file}")
-    options = (*state.plan_options, *(["--force"] if state.plan_measured else []))
-    words = {
-        "folder": folder,
-        "plan_options": f" {shlex.join(options)}" if options else "",
-        "again": again.format(folder=folder),
-        "remedy": (state.remedy or again).format(folder=folder),
-        "remedy_first": state.remedy_first,
-        "overwrite": "--force" if state.overwrite else "",
-        "file": f"--robot {file}" if file else "",
+    again = "run {folder} --anew"
+    if state.measured != "run":
+        again = "import {folder} {imported} --force"
+    command = row.command.replace("{remedy}", state.remedy or again).replace("{again}", again)
+    robot = f"{state.folder}/{state.file}"
+    several = {
+        "{plan_options}": state.plan_options,
+        "{robot}": () if state.file == FILE_NAME else ("--robot", as_word(robot)),
+    }
+    values = {
+        "folder": as_word(state.folder),
+        "imported": as_word(state.imported),
+        "to_fill": as_word(f"{state.folder}/{OBSERVATIONS}"),
+    }
+    words = (
+        several[word] if word in several else (word.format_map(values),) for word in command.split()
+    )
+    said = {
+        "folder": (folder := quoted(state.folder)),
+        "ask": "" if state.answered else f"; `pkmcal devices {folder}` asks both devices",
+        "to_fill": quoted(values["to_fill"]),
         "exported": state.file,
-        "to_fill": quoted(f"{state.folder}/{OBSERVATIONS}"),
+        "remedy_first": state.remedy_first,
         "worker": state.worker,
         "misplaced": state.misplaced,
         "reasons": state.reasons,
     }
-    command, first, why = (text.format_map(words) for text in (row.command, row.first, row.why))
-    return NextStep(f"pkmcal {command.strip()}", first, why)
+    first, why = (text.format_map(said) for text in (row.first, row.why))
+    return NextStep(tuple(chain.from_iterable(words)), first, why)
 
 
 def state_of(
@@ -337,7 +349,6 @@ def state_of(
         planned=bool(runs) or evidence.plan is not None,
         to_observe=evidence.plans_observations and not evidence.plan,
         plan_options=evidence.plan_options,
-        plan_measured=series_by_plan(evidence.plan or (), series) is not None,
         misplaced=_misplaced(evidence),
         objects=bool(campaign.config.objects),
         before=any(measured.series.finished for measured in evidence.before),
@@ -355,7 +366,7 @@ def state_of(
             measured="import" if is_imported else "run",
             stations=is_imported and len({shot.session for shot in latest.shots}) > 1,
             imported=next((file.name for file in imported_files(latest.started)), "FILE"),
-            unmeasured="" if is_imported else _unmeasured(evidence, latest),
+            unmeasured=not is_imported and _lacks_shots(evidence, latest),
         )
         shots = latest.shots
     else:
@@ -374,9 +385,10 @@ def state_of(
         return state
     if (verdict := identification.judgement.verdict) != "pass":
         remedy, first = remedy_for(identification)
+        state = replace(state, verdict=verdict, remedy=remedy, remedy_first=first)
         obstacle = next(iter(identification.judgement.obstacles), "")
-        to_plan = obstacle == findings.EXTRAPOLATION and evidence.plan is None
-        return replace(state, verdict=verdict, remedy=remedy, remedy_first=first, to_plan=to_plan)
+        is_to_cover = bool(runs) and obstacle == findings.EXTRAPOLATION
+        return _with_poses_to_cover(evidence, runs[-1], state) if is_to_cover else state
     identified = identification.value.parameter_set(campaign.robot.mechanism)
     state = replace(state, verdict="pass", check=_answer_to_check(evidence, identified))
     return _with_controller(
@@ -417,21 +429,54 @@ def _misplaced(evidence: Evidence) -> str:
     return next((text.partition(";")[0] for text in texts if text.startswith(WRONG_PLACE)), "")
 
 
-def _unmeasured(evidence: Evidence, latest: Series) -> Literal["", "run", "anew"]:
-    """Return how to measure the shots of plan.csv that the latest run lacks; "" without any."""
+def _lacks_shots(evidence: Evidence, latest: Series) -> bool:
+    """Return whether the latest run has still to measure shots of plan.csv."""
     plan = evidence.plan
-    if plan is None:
-        return ""
+    if plan is None or not latest.finished:
+        return plan is not None
     taken = [shot.intent for shot in latest.shots]
-    difference = plan_difference(taken, plan)
-    # an unfinished series cannot go on with a plan whose measured rows were changed
-    if not latest.finished:
-        return "anew" if difference else "run"
     further = {row.shot for row in plan} - {intent.shot for intent in taken}
     # A finished series lacks shots also where it ended early or skipped some: with the same plan
     # this was intended, with an edited plan the new rows are to be measured.
-    is_same = not (difference or further) or evidence.plan_digest == latest.started.plan_digest
-    return "" if is_same else "run"
+    differs = bool(further or plan_difference(taken, plan))
+    return differs and evidence.plan_digest != latest.started.plan_digest
+
+
+# A plan whose shots were measured is followed by one of twice as many: each time this is advised,
+# the shots come closer to all of the workspace. A plan that nothing was measured by comes first.
+def _with_poses_to_cover(evidence: Evidence, latest: Series, state: CampaignState) -> CampaignState:
+    """Return the state with what leads to shots where the measured ones do not reach."""
+    state, plan = replace(state, remedy_first=COVER), evidence.plan
+    if plan is not None and latest.started.imported and not state.offline:
+        return replace(state, remedy="run {folder}")
+    if plan is not None and state.offline and not _is_imported(evidence, latest):
+        if not evidence.has_program:
+            return replace(state, remedy="plan {folder} --program csv")
+        return replace(
+            state,
+            remedy="import {folder} run.txt --unit mm --force",
+            remedy_first=MEASURE.format("run"),
+        )
+    options = evidence.plan_options if plan is None else _for_more(plan, evidence.plan_options)
+    return replace(state, remedy="plan {folder} {plan_options}", plan_options=options)
+
+
+def _is_imported(evidence: Evidence, latest: Series) -> bool:
+    """Return whether an import is of the shots of plan.csv, by the joints file of its program."""
+    joints = joints_path(evidence.campaign.folder, "run")
+    digests = {file.sha256 for file in imported_files(latest.started)}
+    return is_file(joints) and ImportedFile.of(joints).sha256 in digests
+
+
+def _for_more(plan: Sequence[PlannedShot], options: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the options that a plan was made with, for twice as many identification shots."""
+    shots = sum(row.purpose is ShotSet.IDENTIFICATION for row in plan)
+    kept = [*options]
+    for name in ("--until", "--shots"):  # a goal would end the plan where it ended before
+        if name in kept:
+            place = kept.index(name)
+            del kept[place : place + 2]
+    return *kept, "--shots", str(2 * shots)
 
 
 def remedy_for(identification: RecordedIdentification) -> tuple[str, str]:
@@ -461,11 +506,6 @@ def remedy_for(identification: RecordedIdentification) -> tuple[str, str]:
             return f"identify {{folder}} --only-shots {last:.0f}-", first
         case findings.NOTHING_UNSEEN:
             return "identify {folder} --hold-out 20%", ""
-        case findings.EXTRAPOLATION:
-            return "", (
-                "plan poses there, or leave that space out (`space` in campaign.yaml), and "
-                "measure again"
-            )
     return "", first
 
 
@@ -521,12 +561,10 @@ def _with_file_to_load(
         None,
     )
     if lacking and plain is None:
-        is_there = any(form.file == PLAIN_FILE for form in evidence.forms)
-        return replace(state, to_export="plain", overwrite=is_there)
+        return replace(state, to_export="plain")
     if plain is not None and (lacking or not stated):
         return replace(state, file=plain)
     if evidence.file_origin != digest:
-        is_there = evidence.file_origin is not None or evidence.spoilt_parameter_file
         # a printer has no tracker and no controller that takes a robot file: its firmware has keys
         is_printer = has_firmware(evidence.campaign.robot.mechanism)
         if state.offline and state.measured == "observations" and is_printer:
@@ -534,9 +572,8 @@ def _with_file_to_load(
             form = written.projection if written else None
             if written and form and form.of == digest:  # also of another firmware
                 return replace(state, file=written.file)
-            is_there = evidence.campaign.path("klipper.cfg").exists()
-            return replace(state, to_export="klipper", overwrite=is_there)
-        return replace(state, to_export="yaml", overwrite=is_there)
+            return replace(state, to_export="klipper")
+        return replace(state, to_export="yaml")
     return state
 
 

@@ -19,10 +19,12 @@ class ExplainedError(Exception):
     details: Mapping[str, object] = {}
     """Values that `--json` prints beside the error, by their keys."""
 
-    def __init__(self, problem: str, *, remedy: str) -> None:
+    def __init__(self, problem: str, *, remedy: str, options: str = "") -> None:
+        """`options` are words that let the same command go ahead; "" if none does."""
         super().__init__(problem, remedy)
         self.problem = problem
         self.remedy = remedy
+        self.options = options
 
     def __str__(self) -> str:
         problem = shortened(self.problem, PROBLEM_CHARACTERS)

@@ -35,13 +35,18 @@ def printable(text: str) -> str:
     return "".join(INSTEAD if _is_hidden(sign) else sign for sign in text.translate(_AS_BLANKS))
 
 
+def as_word(path: str) -> str:
+    """Return a path as a word that no command takes for an option: `-a` gets its folder, `./-a`."""
+    return f"./{path}" if path.startswith("-") else path
+
+
 def quoted(path: str, *, for_windows: bool = sys.platform == "win32") -> str:
     r"""Quote a path for the shell; one with bytes that are no UTF-8 as bash takes it, `$'\xfc'`.
 
     A name that begins with a dash would be read as an option: it gets its folder, `./`. Both shells
     of Windows take double quotes.
     """
-    word = f"./{path}" if path.startswith("-") else path
+    word = as_word(path)
     if for_windows:
         end = "\\" if word.endswith("\\") else ""  # a last one would quote the quotation mark
         return word if _PLAIN_ON_WINDOWS.fullmatch(word) else f'"{word}{end}"'

@@ -13,6 +13,7 @@ from app.options import Excel, Force, Turns, ask_turns, for_spreadsheets
 from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME
 from campaigns.workflow.correction import correct_file
+from drivers.texts import quoted
 
 CORRECTED = "-corrected"
 """End of the name of a file of corrected poses."""
@@ -91,9 +92,10 @@ def _sigma(std_mm: float | None, campaign: Campaign, robot: Path | None) -> str:
     if std_mm is not None:
         return f"; 1 σ of the position {std_mm:.3f} mm at most"
     file = robot.name if robot else FILE_NAME
-    again = f"`pkmcal correct {campaign.folder}`"
+    folder = quoted(str(campaign.folder))
+    again = f"`pkmcal correct {folder}`"
     again += " without --robot takes it" if robot else " again"
     return (
         f"; its uncertainty is unknown: {file} holds no set that an identification in the journal "
-        f"found → `pkmcal export {campaign.folder} --force` writes such a {FILE_NAME}, {again}"
+        f"found → `pkmcal export {folder} --force` writes such a {FILE_NAME}, {again}"
     )

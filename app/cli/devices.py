@@ -79,7 +79,7 @@ def command(
     if isinstance(tracker, DriverError):
         raise tracker
     motion = _motion(terminal, campaign, yes=yes) if move else None
-    following = tell_next(terminal, campaign)
+    following = tell_next(terminal, campaign, answered=True)
     terminal.conclude(DevicesAnswer(controller, tracker, motion), following)
 
 

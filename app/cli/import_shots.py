@@ -41,9 +41,9 @@ from campaigns.workflow.importing import (
     replaced_import,
     replaced_observations,
 )
-from campaigns.workflow.programs import joints_path
-from drivers.bounded_files import Encoding, is_there
-from drivers.texts import quoted
+from campaigns.workflow.programs import planned_joints
+from drivers.bounded_files import Encoding
+from drivers.texts import as_word
 
 Form = Literal["shots", "ascii"]
 LISTED = 10
@@ -257,7 +257,7 @@ def command(
             held = declared_set(campaign, stage, robot)
             done = import_validation(campaign, rows, stage, held, terms)
     if stage is None:
-        _conclude(terminal, campaign, file, ImportAnswer(series, len(rows)))
+        _conclude(terminal, campaign, source, ImportAnswer(series, len(rows)))
         return
     terminal.say(f"imported: {len(rows)} shots as '{stage}'")
     if stage == "check":
@@ -289,7 +289,7 @@ def _read(
     default = DEFAULT_SETS.get(stage, ShotSet.VALIDATION)
     skipped: tuple[str, ...] = ()
     if source.points:
-        joints = joints or _planned_joints(campaign, file, stage or "run")
+        joints = joints or planned_joints(campaign, file, stage or "run")
         points = _read_asking(terminal, file, replace(source.form, unit=source.unit))
         read_in = points.unit
         turns = ask_turns(terminal, source.turns, joints, mechanism.task)
@@ -317,15 +317,19 @@ def _read(
     return rows, terms
 
 
-def _conclude(terminal: Terminal, campaign: Campaign, file: Path, answer: ImportAnswer) -> None:
+def _conclude(
+    terminal: Terminal, campaign: Campaign, source: ImportSource, answer: ImportAnswer
+) -> None:
     """Print which shots were imported to identify from, and what is next."""
     terminal.say(f"imported: {answer.shots} shots, as series {answer.series}")
     evaluation = evaluate(campaign)
     if evaluation.before is None:
-        again = f"{quoted(str(campaign.folder))} {quoted(f'before{file.suffix}')}"
+        stated = {"--unit": source.unit, "--decimal": source.form.decimal}
+        options = (word for option, value in stated.items() if value for word in (option, value))
+        words = ("import", as_word(str(campaign.folder)), as_word(f"before{source.file.suffix}"))
+        before = NextStep((*words, "--stage", "before", *options))
         terminal.note(
-            "to import pairs measured with the controller's own parameters: "
-            f"pkmcal import {again} --stage before"
+            f"to import pairs measured with the controller's own parameters: {before.text}"
         )
     terminal.conclude(answer, tell_next(terminal, campaign, evaluation=evaluation))
 
@@ -362,8 +366,8 @@ def _judge_bed(terminal: Terminal, campaign: Campaign, rows: Sequence[Observatio
     """Print and return the identification that judges what a printer's firmware measured."""
     kinds = {row.kind for row in rows if row.purpose is ShotSet.VALIDATION}
     asked = [name for kind, name in (("height", "flat"), ("distance", "xy")) if kind in kinds]
-    wanted = f" --for {','.join(asked)}" if asked else ""
-    return tell_step(terminal, NextStep(f"pkmcal identify {quoted(str(campaign.folder))}{wanted}"))
+    wanted = ("--for", ",".join(asked)) if asked else ()
+    return tell_step(terminal, NextStep(("identify", as_word(str(campaign.folder)), *wanted)))
 
 
 def _read_asking(terminal: Terminal, file: Path, form: PointFormat) -> PointFile:
@@ -384,15 +388,3 @@ def _may_replace(
     """Return whether the operator agrees that the shots count in the place of earlier ones."""
     objection = replaced_import(campaign, rows, str(file))
     return bool(objection and terminal.asks(f"{objection.problem}. Import it in their place?"))
-
-
-def _planned_joints(campaign: Campaign, file: Path, stage: str) -> Path:
-    """Return the joints file that `plan --program` wrote; raise `OptionsInvalid` without one."""
-    joints = joints_path(campaign.folder, stage)
-    if not is_there(joints):
-        raise OptionsInvalid(
-            f"{file}: points alone do not state where the joints were",
-            remedy="give --joints FILE, a file with each point's joints; if it is a shots.csv, "
-            "correct its first line",
-        )
-    return joints

@@ -109,7 +109,7 @@ def command(
     if wish() and not wish.suspends:
         raise Interrupted(
             "load: interrupted once the parameters were written, and they are in",
-            remedy=f"`pkmcal load {campaign.folder} --dry` says what the controller holds",
+            remedy="`pkmcal load DIR --dry` says what the controller holds",
         )
     answer = LoadAnswer(
         loaded=done.source if done.kept else None,

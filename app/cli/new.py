@@ -15,7 +15,7 @@ from campaigns.next_step import NextStep
 from campaigns.robots.printer_config import PRINTER
 from campaigns.robots.robot import find_robot, states_reflector
 from campaigns.settings.sections import OFFLINE
-from drivers.texts import quoted
+from drivers.texts import as_word
 
 LIMITS = {
     "distance_mean_mm": "mean error of distances",
@@ -77,8 +77,8 @@ def _next(terminal: Terminal, folder: Path, options: NewOptions) -> NextStep | N
     """Print and return what is next: of a printer without devices, what its file holds."""
     if not (options.offline and options.robot.endswith(PRINTER)):
         return tell_next(terminal, open_campaign(folder))
-    text = f"pkmcal import {quoted(str(folder))} {quoted(options.robot)}"
-    return tell_step(terminal, NextStep(text, why="the file holds what DELTA_CALIBRATE measured"))
+    words = ("import", as_word(str(folder)), as_word(options.robot))
+    return tell_step(terminal, NextStep(words, why="the file holds what DELTA_CALIBRATE measured"))
 
 
 def ask_limits(terminal: Terminal, folder: Path) -> dict[str, float]:

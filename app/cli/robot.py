@@ -18,7 +18,7 @@ from campaigns.next_step import NextStep
 from campaigns.robots.bar_robots import PAIR_DEG, robot_of_sizes
 from campaigns.robots.robot import RobotDocument, with_reflector, write_new_robot
 from campaigns.robots.symmetrical import Sizes, symmetrical_robot
-from drivers.texts import quoted
+from drivers.texts import as_word
 
 LONGEST_MM = 100_000.0
 NO_LENGTHS = ("base", "platform", "travel", "first")
@@ -127,7 +127,7 @@ def command(
         document = with_reflector(document, place)
     write_new_robot(path, document)
     terminal.say(f"made: {path}, mechanism {kind.name}")
-    step = NextStep(f"pkmcal new DIR --robot {quoted(str(path))}", "correct its limits")
+    step = NextStep(("new", "DIR", "--robot", as_word(str(path))), "correct its limits")
     for line in step.lines:
         terminal.note(line)
     robot = document.robot

@@ -21,8 +21,9 @@ from markupsafe import Markup
 from app.report import record, results, tables
 from campaigns.evaluation.verdict import RULE
 from campaigns.evidence import Evaluation
-from campaigns.next_step import next_step, state_of
+from campaigns.next_step import state_of
 from campaigns.version import VERSION
+from campaigns.workflow.next_hint import next_hint
 from drivers.texts import moment, printable
 
 PACKAGE = "app.report"
@@ -81,7 +82,7 @@ def page_of(evaluation: Evaluation, made_utc: str) -> Page:
     )
     sections = [section for section in every_section if section.blocks]
     # the next step as after `pkmcal report`: the page must not ask for the report that it is
-    step = next_step(state_of(evaluation, reported=True))
+    step = next_hint(evidence.campaign, state_of(evaluation, reported=True))
     before = f"{step.before}, then " if step and step.before else ""
     missing = tuple(_missing(evaluation))
     style = resources.files(PACKAGE).joinpath("page.css").read_text("utf-8")

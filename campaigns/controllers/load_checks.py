@@ -99,12 +99,12 @@ def overruled(
     return tuple(objections)
 
 
-def read_parameter_file(path: Path, folder: Path, nominal: RobotFile) -> RobotFile:
+def read_parameter_file(path: Path, nominal: RobotFile) -> RobotFile:
     """Return the robot file with parameters for a campaign's robot; raise `ConfigInvalid`."""
     if not is_there(path):
         raise ConfigInvalid(
             f"{path}: there is no such file",
-            remedy=f"`pkmcal export {folder}` writes what was identified",
+            remedy="`pkmcal export DIR` writes what was identified",
         )
     robot = read_robot(path).robot
     require_same_mechanism(path, robot, nominal)

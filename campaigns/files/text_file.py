@@ -62,18 +62,25 @@ def write_new_text(path: Path, text: str) -> None:
 
 def write_text_unless_there(path: Path, text: str, *, overwrite: bool) -> None:
     """Write a file, over an older one only with `overwrite`; raise as `write_new_text` does."""
-    if not overwrite:
-        refuse_existing(path, "replace it with --force, or name another with --to")
+    refuse_overwriting(path, overwrite=overwrite)
     replace_text(path, text)
 
 
-def refuse_existing(path: Path, remedy: str = "name another, or move this one away") -> None:
+def refuse_overwriting(path: Path, *, overwrite: bool) -> None:
+    """Raise `OutputExists` for a file that is there, unless it may be overwritten."""
+    if not overwrite:
+        refuse_existing(path, "replace it with --force, or name another with --to", "--force")
+
+
+def refuse_existing(
+    path: Path, remedy: str = "name another, or move this one away", options: str = ""
+) -> None:
     """Raise `OutputExists` when a file, a folder or a link has this name.
 
     The name is not reserved: inside a campaign its lock keeps a second writer away.
     """
     if os.path.lexists(path):
-        raise OutputExists(f"{path} already exists", remedy=remedy)
+        raise OutputExists(f"{path} already exists", remedy=remedy, options=options)
 
 
 def make_folder(path: Path) -> None:

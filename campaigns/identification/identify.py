@@ -55,7 +55,7 @@ from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.known_lengths import KnownLengths, known_lengths
 from campaigns.identification.moments import in_order_of_time, stations_of
 from campaigns.identification.observations import error_model, fitted_sessions, observations_of
-from campaigns.identification.options import IdentificationOptions
+from campaigns.identification.options import OF_SESSIONS, IdentificationOptions
 from campaigns.identification.other_kinds import (
     NO_KINDS,
     KindTest,
@@ -114,23 +114,38 @@ def identify(
     Raise `ShotsMissing` for too few shots, `ShotsInvalid` for shots that cannot be this robot's.
     """
     options = options or IdentificationOptions()
-    require_turns(options.quantities, nominal)
-    if measured and options.model == "paper":
-        raise OptionsInvalid(
-            "observations of other kinds are not fitted by the paper's method",
-            remedy="leave out --model paper, or the observations",
-        )
+    require_answerable(nominal, shots, options, measured)
     # Calibrated bars are measured by the tracker alone: their shots have no joints that could be
     # fitted, so they are evaluated first and then taken out.
     lengths = known_lengths(shots, options.known_lengths, options.instrument)
     shots = shots.on_robot()
-    _check(nominal, shots, sessions=options.sessions)
     if options.model == "paper":
         at_nominal = nominal.forward(shots.joints, approach=shots.approach)
         return identify_as_paper(nominal, shots, at_nominal, options)
     campaign = fit_campaign(nominal, shots, options, lengths, measured, tell)
     tell("stating the uncertainty")
     return campaign.make_result(lengths)
+
+
+def require_answerable(
+    nominal: Kinematics,
+    shots: Shots,
+    options: IdentificationOptions,
+    measured: Sequence[Measured] = (),
+) -> None:
+    """Raise, before anything is fitted, what `identify` raises for these shots and options."""
+    require_turns(options.quantities, nominal)
+    if measured and options.model == "paper":
+        raise OptionsInvalid(
+            "observations of other kinds are not fitted by the paper's method",
+            remedy="leave out --model paper, or the observations",
+        )
+    on_robot = shots.on_robot()
+    _check(nominal, on_robot, sessions=options.sessions)
+    if options.model == "paper":
+        return
+    at_nominal = nominal.forward(on_robot.joints, approach=on_robot.approach)
+    fitted_sessions(on_robot, at_nominal.is_solved, options)
 
 
 def fit_campaign(
@@ -234,7 +249,8 @@ def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
         raise ShotsInvalid(
             f"the shots of {len(numbers)} sessions follow the joints one by one, and not together: "
             "the tracker stood elsewhere",
-            remedy="`pkmcal identify DIR --sessions` gives each session a frame of its own",
+            remedy=f"`pkmcal identify DIR {OF_SESSIONS}` gives each session a frame of its own",
+            options=OF_SESSIONS,
         ) from None
 
 

@@ -22,6 +22,8 @@ from campaigns.settings.sections import KnownLengthConfig
 
 QuantityWord = Literal["position", "rotation", "flat", "xy"]
 """What shots may determine."""
+OF_SESSIONS = "--sessions"
+"""Option for shots from several stations of the tracker."""
 MOST_HELD_OUT = 0.5
 LEAST_STD = 1e-6
 """Smallest 1 σ of a prior, mm, deg or ppm: a parameter known better is held with --fix."""

@@ -157,4 +157,5 @@ def _refusal(series: Series, began_with: str) -> ResumeRefused:
     return ResumeRefused(
         f"series {series.number} ({series.started.stage}) was begun with {began_with}",
         remedy=REMEDY,
+        options="--anew",
     )

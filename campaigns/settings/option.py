@@ -7,7 +7,7 @@ identification keeps in its record to say how it was asked for (`typed_words`). 
 API accept and refuse equal values, with equal remedies.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin, get_type_hints
@@ -57,6 +57,26 @@ def options_of(kind: type[Options], words: Mapping[str, object]) -> Options:
             remedy = suggestion(name, names)
             raise OptionsInvalid(f"'{shown(name)}' is not an option", remedy=remedy)
     return kind(**{name: _value_of(name, hints[name], value) for name, value in words.items()})
+
+
+def options_of_words(kind: type[Options], words: Sequence[str]) -> Options:
+    """Make options from typed words, each option at most once; words of no option are passed over.
+
+    Raise `OptionsInvalid` for a wrong value.
+    """
+    values = dict[str, object]()
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        option = getattr(hint, "__metadata__", (None,))[-1]
+        typed = isinstance(option, Option) and (option.name or _typed_name(name))
+        if typed and typed in words:
+            is_flag = get_args(hint)[0] is bool
+            values[name] = True if is_flag else words[words.index(typed) + 1]
+    return options_of(kind, values)
+
+
+def _typed_name(field: str) -> str:
+    """Return the name on the command line of an option that states none."""
+    return f"--{field.replace('_', '-')}"
 
 
 def _value_of(name: str, hint: Any, value: object) -> object:
@@ -113,7 +133,7 @@ def typed_words(options: "DataclassInstance") -> list[str]:
         if isinstance(option, Option):
             value = getattr(options, field.name)
         if isinstance(option, Option) and value != field.default and value is not None:
-            name = option.name or f"--{field.name.replace('_', '-')}"
+            name = option.name or _typed_name(field.name)
             # a tuple is an option given several times, unless a text such as 10-20 is read as one
             values = value if isinstance(value, tuple) and option.read is None else (value,)
             words += [name] if value is True else [w for v in values for w in (name, _type(v))]

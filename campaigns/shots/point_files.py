@@ -219,6 +219,7 @@ def _parse_lines(
         raise ShotsInvalid(
             f"{name}: the file does not state its unit of length",
             remedy=f"give it with {form.option}unit {'|'.join(MM_PER_UNIT)}",
+            options="--unit mm",  # of nearly all files; shots in a wrong unit are refused
         )
     # 2. Points.
     given, form = form.decimal, _with_decimal(form, layout)
@@ -351,6 +352,7 @@ def _length_mm(cell: str, text: str, form: PointFormat) -> float:
             f"{cell} is '{shown(text)}', with a decimal comma or a thousands separator",
             remedy=f"give {form.option}decimal comma or {form.option}decimal point, or export "
             "the points with decimal points and without thousands separators",
+            options=f"--decimal {'point' if number_value(text, 'comma') is None else 'comma'}",
         )
     if value is None:
         raise ShotsInvalid(

@@ -122,17 +122,8 @@ def update_by_check(campaign: Campaign) -> RecordedIdentification:
     identification did not pass.
     """
     with campaign.journal() as journal:
+        checked = check_to_update_by(campaign, journal)
         identification, posterior = _passed_identification(campaign, journal)
-        digest = _digest(campaign, identification)
-        checks = journal.findings("check")
-        checked = read_check(checks[-1].record.body) if checks else None
-        # a check of an older set says nothing about the posterior that is to be updated
-        if checked is None or checked.of != digest:
-            raise ShotsMissing(
-                "--update: the latest parameters were not checked yet",
-                remedy=f"run `pkmcal check {campaign.folder}` first, or import its shots with "
-                "--stage check",
-            )
         shots = _shots(campaign, journal, checked.series)
         fit_options = identification_options(campaign, series=_series(journal, checked.series))
         result = update(campaign.robot.kinematics, shots, posterior, fit_options, checked.parts)
@@ -149,7 +140,7 @@ def update_by_check(campaign: Campaign) -> RecordedIdentification:
             at_utc=now_utc(),
             settings=campaign.identification_settings,
             pedigree=Pedigree(
-                updates=digest,
+                updates=checked.of,
                 series=(former.series, checked.series),
                 shots=len(shots),
                 position_std_before_mm=positions.mean if positions else None,
@@ -157,6 +148,20 @@ def update_by_check(campaign: Campaign) -> RecordedIdentification:
         )
         journal.append(Finding("identification", recorded.document()))
     return recorded
+
+
+def check_to_update_by(campaign: Campaign, journal: JournalReader) -> RecordedCheck:
+    """Return the latest check; raise `ShotsMissing` unless it is of the latest parameters."""
+    digest = _digest(campaign, _passed_identification(campaign, journal)[0])
+    checks = journal.findings("check")
+    checked = read_check(checks[-1].record.body) if checks else None
+    # a check of an older set says nothing about the posterior that is to be updated
+    if checked is None or checked.of != digest:
+        raise ShotsMissing(
+            "--update: the latest parameters were not checked yet",
+            remedy="run `pkmcal check DIR` first, or import its shots with --stage check",
+        )
+    return checked
 
 
 def _passed_identification(

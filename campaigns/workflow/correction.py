@@ -87,14 +87,13 @@ def identified_set(campaign: Campaign, path: Path | None = None) -> RobotFile:
     # who names a file may mean an earlier set or one of their own: it is corrected without σ then
     allowed = {ObjectionName.CHANGED, ObjectionName.SUPERSEDED} if path is not None else set()
     path = path or campaign.path(FILE_NAME)
-    robot = read_parameter_file(path, campaign.folder, campaign.robot)
+    robot = read_parameter_file(path, campaign.robot)
     judged = file_objections(robot, issuer_of(campaign), campaign.robot)
     objections = [objection for objection in judged if objection.name not in allowed]
     if objections:
         problems = "; ".join(each.problem for each in objections)
         raise ConfigInvalid(
-            f"{path}: {problems}",
-            remedy=f"take the file that `pkmcal export {campaign.folder} --force` writes",
+            f"{path}: {problems}", remedy="take the file that `pkmcal export DIR --force` writes"
         )
     return robot
 

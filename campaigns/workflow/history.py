@@ -108,7 +108,7 @@ def _epochs(campaign: CampaignFolder) -> Iterator[Epoch]:
     if not (identifications or left_out):
         raise ShotsMissing(
             f"{campaign.folder}: nothing has been identified yet",
-            remedy=f"`pkmcal identify {campaign.folder}`, or leave it out",
+            remedy="`pkmcal identify DIR`, or leave it out",
         )
     evaluation = evaluate(campaign) if isinstance(campaign, Campaign) else None
     renew = f"; run `pkmcal identify {quoted(str(campaign.folder))}` again"

@@ -14,7 +14,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,18 +68,15 @@ def identify(
     """
     options = options or IdentificationOptions()
     robot = campaign.robot
-    table = robot.mechanism.parameters
-    named_priors(options.prior, table)  # raises for an unknown name; the result is not needed here
-    for pattern in (*options.free, *options.fix):
-        matching(pattern, table)
     campaign.require_journal()
     with campaign.journal() as journal:
-        series = campaign.series_to_identify(journal)
-        measured = _observations(campaign, journal, series, options)
-        if series is None and not measured:
-            raise campaign.nothing_measured()
-        fit_options = identification_options(campaign, options, series)
-        shots = None if series is None else _shots(campaign, journal, series, options)
+        asked = asked_measurements(campaign, journal, options)
+        series, shots, measured, fit_options = (
+            asked.series,
+            asked.shots,
+            asked.measured,
+            asked.options,
+        )
         started_s = time.perf_counter()
         result: IdentificationResult
         if shots is None:
@@ -103,6 +100,37 @@ def identify(
         )
         journal.append(Finding("identification", recorded.document()))
     return recorded
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AskedMeasurements:
+    """Measurements to identify from as options ask for them."""
+
+    series: Series | None
+    """Series of the shots; None: no tracker has measured."""
+    shots: Shots | None
+    measured: tuple[Measured, ...]
+    """Observations of other kinds than points."""
+    options: IdentificationOptions
+    """The options, completed by what the campaign states."""
+
+
+def asked_measurements(
+    campaign: Campaign, journal: JournalReader, options: IdentificationOptions
+) -> AskedMeasurements:
+    """Return what `identify` fits; raise `OptionsInvalid` or `ShotsMissing` as it does."""
+    table = campaign.robot.mechanism.parameters
+    named_priors(options.prior, table)  # raises for an unknown name; the result is not needed here
+    for pattern in (*options.free, *options.fix):
+        matching(pattern, table)
+    series = campaign.series_to_identify(journal)
+    measured = _observations(campaign, journal, series, options)
+    if series is None and not measured:
+        raise campaign.nothing_measured()
+    shots = None if series is None else _shots(campaign, journal, series, options)
+    return AskedMeasurements(
+        series, shots, measured, identification_options(campaign, options, series)
+    )
 
 
 def _shots(

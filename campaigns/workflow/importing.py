@@ -28,6 +28,7 @@ from campaigns.evaluation.plausibility import check_distances, check_shots
 from campaigns.evidence import STAGES, is_program_there, program_path
 from campaigns.identification.checking import FEWEST_SHOTS, RecordedCheck
 from campaigns.identification.observed import measured_of, objects_of
+from campaigns.identification.options import OF_SESSIONS
 from campaigns.identification.other_kinds import other_kinds
 from campaigns.identification.plausible_observations import check_observations
 from campaigns.journal.journal import Journal
@@ -194,7 +195,7 @@ def declared_set(
             "`pkmcal correct` has written anything",
             remedy="write it with one of them, or name the robot file with --robot FILE",
         )
-    robot = read_parameter_file(path, campaign.folder, nominal)
+    robot = read_parameter_file(path, nominal)
     form = form_of(robot.provenance, str(path))
     return WrittenSet.of(path.name, robot.parameters, projection=form)
 
@@ -284,8 +285,7 @@ def import_check(
         raise ShotsInvalid(
             f"{terms.name}: {len(rows)} shots of {words}; a check has at least {FEWEST_SHOTS}, all "
             "of the set check",
-            remedy=f"measure what `pkmcal plan {campaign.folder} --program csv --stage check` "
-            "writes",
+            remedy="measure what `pkmcal plan DIR --program csv --stage check` writes",
         )
     _check(campaign, rows, terms, set())
     order = _order(rows, terms)
@@ -389,7 +389,9 @@ def _order(rows: Sequence[ShotRow], terms: ImportTerms) -> Index | None:
         order = np.arange(len(rows)) if order is None else order
         order = order[np.argsort(sessions[order], kind="stable")]
         stations = len(np.unique(sessions))
-        tell(f"{name}: {stations} stations of the tracker by column session: identify --sessions")
+        tell(
+            f"{name}: {stations} stations of the tracker by column session: identify {OF_SESSIONS}"
+        )
     return order
 
 

@@ -122,7 +122,7 @@ class LoadResult:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Wanted:
+class Wanted:
     """Robot file whose parameters shall be in the controller."""
 
     source: Path
@@ -166,7 +166,7 @@ def load(
     """
     options, terms = options or LoadOptions(), terms or LoadTerms()
     if options.rollback and not campaign.journal_path.exists():
-        raise _nothing_to_take_back(campaign)
+        raise nothing_to_take_back(campaign)
     with campaign.held():  # no identification may come after the file was judged
         return _load_held(campaign, connection, options, terms)
 
@@ -178,10 +178,10 @@ def _load_held(
     terms: LoadTerms,
 ) -> LoadResult:
     """Load or roll back in a campaign that is held; raise as `load` does."""
-    wanted = None if options.rollback else _read_wanted(campaign, options)
+    wanted = None if options.rollback else read_wanted(campaign, options)
     with campaign.opened_journal() as journal:
         if wanted is None and load_history(journal) == ((), None):
-            raise _nothing_to_take_back(campaign)
+            raise nothing_to_take_back(campaign)
         with connection as devices:
             cell = devices if isinstance(devices, Cell) else None
             controller = devices.robot if isinstance(devices, Cell) else devices
@@ -189,7 +189,7 @@ def _load_held(
             return loading.roll_back() if wanted is None else loading.load(wanted)
 
 
-def _nothing_to_take_back(campaign: Campaign) -> errors.ShotsMissing:
+def nothing_to_take_back(campaign: Campaign) -> errors.ShotsMissing:
     """Return the error that no load is in effect."""
     return errors.ShotsMissing(
         f"{campaign.folder}: no load is in effect that could be taken back",
@@ -204,12 +204,12 @@ def _stopped(holds: str) -> errors.Interrupted:
     )
 
 
-def _read_wanted(campaign: Campaign, options: LoadOptions) -> _Wanted:
+def read_wanted(campaign: Campaign, options: LoadOptions) -> Wanted:
     """Read the file to load, with the objections to it; raise `ConfigInvalid` without force."""
     source = options.file or campaign.path(FILE_NAME)
-    robot = load_checks.read_parameter_file(source, campaign.folder, campaign.robot)
+    robot = load_checks.read_parameter_file(source, campaign.robot)
     objections = tuple(load_checks.file_objections(robot, issuer_of(campaign), campaign.robot))
-    return _Wanted(source, robot, load_checks.overruled(source, objections, options.force))
+    return Wanted(source, robot, load_checks.overruled(source, objections, options.force))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,7 +224,7 @@ class _Loading:
     cell: Cell | None = None
     """Cell of the controller if its tracker is connected too, else None."""
 
-    def load(self, wanted: _Wanted) -> LoadResult:
+    def load(self, wanted: Wanted) -> LoadResult:
         """Load a file."""
         held = self._read_held()
         expected_serial = (wanted.robot.provenance or {}).get("controller_serial")
@@ -239,7 +239,7 @@ class _Loading:
         held = self._read_held()
         standing = standing_loads(self.journal, held)
         if not standing:
-            raise _nothing_to_take_back(self.campaign)
+            raise nothing_to_take_back(self.campaign)
         latest = standing[-1]
         source = self.campaign.path(latest.kept)
         robot = read_robot(source).robot
@@ -254,7 +254,7 @@ class _Loading:
                 record_undone(self.journal, latest, robot.digest())
             return LoadResult(source, "already", state=self._state(held))
         self.terms.tell(f"puts back {source.name}: {backup} ({latest.at_utc})")
-        wanted = _Wanted(source, robot, objections, takes_back=latest.number)
+        wanted = Wanted(source, robot, objections, takes_back=latest.number)
         checked = self._check_controller(wanted, held, latest.controller_serial)
         return self._carry_out(checked, held)
 
@@ -269,8 +269,8 @@ class _Loading:
         return held
 
     def _check_controller(
-        self, wanted: _Wanted, held: Mapping[str, float], expected_serial: object
-    ) -> _Wanted:
+        self, wanted: Wanted, held: Mapping[str, float], expected_serial: object
+    ) -> Wanted:
         """Add the objections to the controller's serial number and its present parameters.
 
         Raise `ConfigInvalid` for any of them without force, and in any case for parameters that
@@ -279,7 +279,7 @@ class _Loading:
         lacking = self.controller.lacks(wanted.robot.parameters.extended_by)
         if lacking:
             overwriting = " --force" if self.campaign.path(PLAIN_FILE).exists() else ""
-            command = f"pkmcal export {self.campaign.folder} --format {PLAIN}{overwriting}"
+            command = f"pkmcal export DIR --format {PLAIN}{overwriting}"
             _, form = plain_form(self.campaign, wanted.robot)
             remedy = (
                 f"`{command}` writes the nearest set that it can have, which {form.loses}; "
@@ -294,7 +294,7 @@ class _Loading:
         overruled = load_checks.overruled(wanted.source, objections, self.options.force)
         return replace(wanted, objections=(*wanted.objections, *overruled))
 
-    def _carry_out(self, wanted: _Wanted, held: dict[str, float]) -> LoadResult:
+    def _carry_out(self, wanted: Wanted, held: dict[str, float]) -> LoadResult:
         """Approve, verify, back up and write; the order is that of the module's head."""
         robot, source = wanted.robot, wanted.source
         forced = tuple(objection.says for objection in wanted.objections)

@@ -146,6 +146,7 @@ def replaced_plan(campaign: Campaign) -> OptionsInvalid | None:
         f"{campaign.plan_path} {measured}{of_stage}: with another plan its results are open again",
         remedy="make a campaign of its own with `pkmcal new`; --force plans anew and keeps this "
         "plan beside it",
+        options="--force",
     )
 
 
@@ -164,6 +165,7 @@ def replaced_observations_plan(campaign: Campaign) -> OptionsInvalid | None:
         "by now: with another one their results are open again",
         remedy="make a campaign of its own with `pkmcal new`; --force plans anew and keeps this "
         "file beside it",
+        options="--force",
     )
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from campaigns.arrays import Array
 from campaigns.campaign import Campaign
 from campaigns.errors import OptionsInvalid, PlanInvalid
-from campaigns.evidence import program_path
+from campaigns.evidence import joints_path, program_path
 from campaigns.files.csv_file import csv_text, fixed_text, number_text
 from campaigns.files.text_file import replace_text
 from campaigns.kinematics.mechanism import Mechanism
@@ -34,6 +34,7 @@ from campaigns.workflow.checking import check_work
 from campaigns.workflow.importing import declared_set
 from campaigns.workflow.running import run_work
 from campaigns.workflow.validation import validation_work
+from drivers.bounded_files import is_there
 from drivers.texts import printable
 
 
@@ -65,9 +66,19 @@ class WrittenProgram:
     """Tests that were left out or shortened, in words."""
 
 
-def joints_path(folder: Path, stage: str) -> Path:
-    """Return the file of the joints of a stage's shots, for `import`."""
-    return folder / f"program-{stage}-joints.csv"
+def planned_joints(campaign: Campaign, points: Path, stage: str) -> Path:
+    """Return the joints file of a stage's program; raise `OptionsInvalid` without one.
+
+    `points` is the file of the points at these joints, for the message.
+    """
+    joints = joints_path(campaign.folder, stage)
+    if not is_there(joints):
+        raise OptionsInvalid(
+            f"{points}: points alone do not state where the joints were",
+            remedy="give --joints FILE, a file with each point's joints; if it is a shots.csv, "
+            "correct its first line",
+        )
+    return joints
 
 
 def write_programs(campaign: Campaign, options: ProgramOptions) -> tuple[WrittenProgram, ...]:
@@ -82,28 +93,46 @@ def write_programs(campaign: Campaign, options: ProgramOptions) -> tuple[Written
     return tuple(_write(campaign, stage) for stage in stages)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StageWork:
+    """Work of a stage that a program describes."""
+
+    work: Work
+    held: Kinematics
+    """Model that the controller computes with."""
+    notes: tuple[str, ...] = ()
+    """Tests that were left out or shortened, in words."""
+    calibrated: str = ""
+    """Digest of the set of a validation; of other stages none."""
+
+
+def stage_work(campaign: Campaign, stage: ProgramStage) -> StageWork:
+    """Return the work of a stage; raise as `write_programs` does."""
+    if stage == "run":
+        return StageWork(run_work(campaign, campaign.checked_plan()), campaign.robot.kinematics)
+    if stage == "check":
+        return StageWork(check_work(campaign, CheckOptions()), _held_by_file(campaign))
+    written = declared_set(campaign, stage)
+    parameters = campaign.robot.parameters if written.by == "targets" else written.wanted
+    tests = ValidationOptions(stage=stage, by=written.by)
+    work, notes = validation_work(campaign, parameters, tests)
+    held = Kinematics.of(campaign.robot.mechanism, parameters)
+    return StageWork(work, held, notes, written.digest)
+
+
 # 1. the work of the stage, and the model that the controller computes with; 2. all stops, with the
 # safe ways between them; 3. the program, and beside it the joints of its shots, which `import`
 # later joins with the measured points; 4. an estimate of the time.
 def _write(campaign: Campaign, stage: ProgramStage) -> WrittenProgram:
     """Write the program of a stage and the file of its joints."""
     mechanism, config = campaign.robot.mechanism, campaign.config
+    planned = stage_work(campaign, stage)
+    work, held, notes = planned.work, planned.held, planned.notes
     heading = [
         f"campaign {config.name}, robot {campaign.robot.name}",
         f"plan.csv sha256 {plan_digest(campaign.read_plan(), mechanism)}",
+        *([f"calibrated by sha256 {planned.calibrated}"] if planned.calibrated else []),
     ]
-    if stage == "run":
-        work, notes = run_work(campaign, campaign.checked_plan()), tuple[str, ...]()
-        held = campaign.robot.kinematics
-    elif stage == "check":
-        work, notes, held = check_work(campaign, CheckOptions()), (), _held_by_file(campaign)
-    else:
-        written = declared_set(campaign, stage)
-        parameters = campaign.robot.parameters if written.by == "targets" else written.wanted
-        tests = ValidationOptions(stage=stage, by=written.by)
-        work, notes = validation_work(campaign, parameters, tests)
-        held = Kinematics.of(mechanism, parameters)
-        heading.append(f"calibrated by sha256 {written.digest}")
     steps = [step for step in work.steps if not step.planned.nest]
     if nests := len(work.steps) - len(steps):
         notes = (*notes, f"{nests} shots of nests are left out: no program points the tracker")

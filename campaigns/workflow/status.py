@@ -18,12 +18,13 @@ from campaigns.journal.records import Stage
 from campaigns.journal.views import Series
 from campaigns.measuring.resume import resume_state
 from campaigns.measuring.run_state import LATEST_SHOTS, time_left_s
-from campaigns.next_step import CampaignState, NextStep, next_step, state_of
+from campaigns.next_step import CampaignState, NextStep, state_of
 from campaigns.planning.plan_file import PlannedShot, plan_difference
 from campaigns.planning.steps import joint_steps
 from campaigns.robots.program import ProgramUntrusted
 from campaigns.shots.observation_records import RecordedFile
-from drivers.texts import moment, quoted
+from campaigns.workflow.next_hint import next_hint
+from drivers.texts import as_word, moment
 
 LONGEST_PAUSE_S = 600.0
 """Longest time between two shots that counts for the pace; a longer one was a break."""
@@ -156,7 +157,7 @@ def _status_of_journal(
         validated=False,
         open=(*open_series, *filter(None, [unended]), error.problem),
         doubtful=(),
-        next=NextStep(f"pkmcal trust {quoted(str(error.program.path))}", "read it first"),
+        next=NextStep(("trust", as_word(str(error.program.path))), "read it first"),
         measuring=lock_holder(folder.folder),
         records=records,
         digest=digest,
@@ -167,8 +168,7 @@ def campaign_status(campaign: Campaign, now: datetime) -> CampaignStatus:
     """Return the status of a campaign; raise `JournalFailed` for a journal that cannot be read."""
     evaluation = evaluate(campaign)
     evidence, identification = evaluation.evidence, evaluation.evidence.identification
-    state = state_of(evaluation)
-    worker = lock_holder(campaign.folder)
+    state, worker = state_of(evaluation), lock_holder(campaign.folder)
     all_series = evidence.journal.series if evidence.journal else ()
     series = tuple(_progress(evidence.plan, each, now) for each in all_series)
     verdict = evaluation.verdict if identification is not None else None
@@ -183,7 +183,7 @@ def campaign_status(campaign: Campaign, now: datetime) -> CampaignStatus:
         validated=evaluation.after is not None,
         open=tuple(_open(evidence, series)),
         doubtful=tuple(doubtful(evaluation)),
-        next=next_step(replace(state, worker=worker.says if worker else "")),
+        next=next_hint(campaign, replace(state, worker=worker.says if worker else "")),
         measuring=worker,
         records=evidence.journal.records if evidence.journal else 0,
         digest=evidence.journal.digest if evidence.journal else "",
@@ -206,7 +206,7 @@ def phase(state: CampaignState) -> str:
         is_calibrated = state.verdict == "pass" and state.holds
         return "calibrated, not validated" if is_calibrated else "identified"
     if state.measured:
-        part = " in part" if state.unmeasured == "run" else ""
+        part = " in part" if state.unmeasured else ""
         return f"{'imported' if state.measured == 'import' else 'measured'}{part}, not identified"
     if state.before:
         return "validated before calibration"

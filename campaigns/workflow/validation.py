@@ -43,6 +43,7 @@ from campaigns.workflow.correction import identified_set
 from campaigns.workflow.identification import identification_options
 from campaigns.workflow.running import known_shots
 from campaigns.workflow.work import all_series, engine_work, known_sets
+from drivers.texts import quoted
 
 FORCE_MEASURES = "--force measures it all the same"
 VerificationStage = Literal["verify before", "verify after"]
@@ -223,13 +224,13 @@ def wrong_state(
     by: CalibrationRoute = "parameters",
 ) -> OptionsInvalid | None:
     """Return the objection to a stage with a controller in this state; None if it is right."""
-    roll_back = f"`pkmcal load {campaign.folder} --rollback`"
+    roll_back = "`pkmcal load DIR --rollback`"
     # nominal parameters are right before calibration, and after it only by corrected targets
     if (held.kind == "nominal") == (stage == "before" or by == "targets"):
         return None
     if stage == "before":
         nominal_file = campaign.path(campaign.config.robot)
-        remedy = {"other": f"`pkmcal load {campaign.folder} --robot {nominal_file}`"}
+        remedy = {"other": f"`pkmcal load DIR --robot {quoted(str(nominal_file))}`"}
         return OptionsInvalid(
             f"--stage before: the controller holds {held.says}",
             remedy=f"{remedy.get(held.kind, roll_back)} first, or --stage after; {FORCE_MEASURES}",
@@ -242,8 +243,7 @@ def wrong_state(
         )
     return OptionsInvalid(
         "--stage after: the controller still holds the nominal parameters",
-        remedy=f"`pkmcal load {campaign.folder}` first, or --by targets, or --stage before; "
-        f"{FORCE_MEASURES}",
+        remedy=f"`pkmcal load DIR` first, or --by targets, or --stage before; {FORCE_MEASURES}",
     )
 
 

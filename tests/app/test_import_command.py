@@ -11,11 +11,10 @@ from paper_campaign import NOISE_MM, TRACKER_FROM_BASE, TRUE
 
 from app.new_campaign import create_for_devices
 from campaigns.campaign import open_campaign
-from campaigns.evidence import evaluate
+from campaigns.evidence import evaluate, joints_path
 from campaigns.identification import observations
 from campaigns.journal.records import Event
 from campaigns.journal.views import Series
-from campaigns.workflow.programs import joints_path
 
 JOINTS = np.random.default_rng(5).uniform(5.0, 45.0, (12, 3))
 

@@ -268,5 +268,3 @@ def test_a_plan_keeps_the_options_that_hints_repeat(tmp_path):
     assert evidence.plan_digest == digest, "options make no other plan"
     step = next_step(replace(state_of(Evaluation(evidence)), misplaced="elsewhere"))
     assert step.text == f"pkmcal plan {paper.folder} --shots 12 --fix 'arm*.x_mm'"
-    measured = replace(state_of(Evaluation(evidence)), misplaced="elsewhere", plan_measured=True)
-    assert next_step(measured).text.endswith("'arm*.x_mm' --force")

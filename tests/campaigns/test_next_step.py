@@ -24,10 +24,19 @@ from campaigns.identification.result import IdentifiedParameter, Judgement
 from campaigns.journal.records import Event
 from campaigns.kinematics.parameters import Parameters
 from campaigns.measuring.monitors import WRONG_PLACE
-from campaigns.next_step import LOOK, CampaignState, NextStep, next_step, remedy_for, state_of
+from campaigns.next_step import (
+    COVER,
+    LOOK,
+    CampaignState,
+    NextStep,
+    next_step,
+    remedy_for,
+    state_of,
+)
 from campaigns.options import CheckOptions
 from campaigns.planning.plan_file import write_plan
 from campaigns.robots.reduced_form import ReducedForm
+from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.checking import check_work
 from campaigns.workflow.status import doubtful
 from campaigns.workflow.work import known_sets
@@ -62,9 +71,9 @@ def outcomes(state: CampaignState, step: NextStep) -> Iterator[CampaignState]:
     """All that may come of typing the step; nothing once somebody measures anew by hand."""
     words = step.text.split()[1:]
     match words[0], tuple(words[2:]):
-        case ("import" | "run", (*_, "--force") | ("--anew",)) if step.first and state.verdict:
-            return
-        case "report", _ if step.first:
+        case ("import" | "run", (*_, "--force") | ("--anew",)) | ("plan" | "report", _) if (
+            step.first and state.verdict
+        ):
             return
         case "identify", options:
             here = replace(state, check="")
@@ -74,10 +83,9 @@ def outcomes(state: CampaignState, step: NextStep) -> Iterator[CampaignState]:
             for name in FAILING:
                 found = identified(name, () if options == ("--update",) else options)
                 remedy, first = remedy_for(found)
-                to_plan = name == findings.EXTRAPOLATION and state.measured == "import"
-                yield replace(
-                    here, verdict="fail", remedy=remedy, remedy_first=first, to_plan=to_plan
-                )
+                if name == findings.EXTRAPOLATION and state.measured in {"import", "run"}:
+                    remedy, first = "plan {folder} {plan_options}", COVER
+                yield replace(here, verdict="fail", remedy=remedy, remedy_first=first)
         case "check", _:
             yield from (replace(state, check=answer) for answer in ANSWERS)
         case (("validate" | "import"), options) if "after" in options:
@@ -89,7 +97,7 @@ def outcomes(state: CampaignState, step: NextStep) -> Iterator[CampaignState]:
 
 
 CHANGED: dict[tuple[str, ...], dict[str, Any]] = {
-    ("plan",): {"planned": True, "misplaced": "", "to_plan": False},
+    ("plan",): {"planned": True, "misplaced": ""},
     ("plan", "--program", "csv"): {"program": True},
     ("plan", "--program", "csv", "--stage"): {"program_after": True},
     ("validate", "--stage", "before"): {"before": True},
@@ -97,8 +105,7 @@ CHANGED: dict[tuple[str, ...], dict[str, Any]] = {
     ("import", "run.txt", "--unit", "mm"): {"measured": "import"},
     ("import", "observations.csv"): {"measured": "observations"},
     ("import", "DIR/observations.csv"): {"measured": "observations"},
-    ("run",): {"measured": "run", "unmeasured": ""},
-    ("run", "--anew"): {"measured": "run", "unmeasured": ""},
+    ("run",): {"measured": "run", "unmeasured": False},
     ("export",): {"to_export": ""},
     ("export", "--format", "klipper"): {"to_export": "", "file": "klipper.cfg"},
     ("export", "--format", "plain"): {"to_export": "", "file": PLAIN_FILE},
@@ -135,8 +142,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
     walk(CampaignState(to_observe=True))
     walk(CampaignState(offline=True, objects=True))
     walk(CampaignState(offline=True, objects=True, to_observe=True))
-    for left in ("run", "anew"):
-        walk(CampaignState(**MEASURED, unmeasured=left))  # type: ignore[arg-type]
+    walk(CampaignState(**MEASURED, unmeasured=True))  # type: ignore[arg-type]
     for check, by_targets in product((*ANSWERS, "again"), (False, True)):
         walk(CampaignState(**PASSED, check=check, by_targets=by_targets))  # type: ignore[arg-type]
     assert len(done) > 100
@@ -147,7 +153,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
     [
         ({}, f"{LOOK}; `devices DIR` asks both devices, then: plan DIR"),
         (
-            {**MEASURED, "unmeasured": "run", "worker": "process 7"},
+            {**MEASURED, "unmeasured": True, "worker": "process 7"},
             "wait, or follow with `watch DIR` (process 7 works on this campaign), then: status DIR",
         ),
         ({**PASSED, "file": "elsewhere.yaml"}, "load DIR --robot DIR/elsewhere.yaml"),
@@ -213,7 +219,7 @@ def test_evidence_says_what_a_campaign_has_reached(evidence: Evidence) -> None:
 
 def test_spoilt_parameter_file_is_exported_again(evidence: Evidence) -> None:
     spoilt = {"parameter_file": None, "spoilt_parameter_file": True}
-    assert advised(evidence, **spoilt) == "export --force"
+    assert advised(evidence, **spoilt) == "export"
     assert Evaluation(replace(evidence, **spoilt)).verdict.decision == "not decided"
 
 
@@ -325,7 +331,7 @@ def test_a_form_that_the_controller_takes_is_loaded_and_else_written(evidence: E
 
     for forms, says in (
         ((), "export --format plain"),
-        ((form("older"),), "export --format plain --force"),
+        ((form("older"),), "export --format plain"),
         ((form("older", "elsewhere.yaml"),), "export --format plain"),
         ((form(),), "load --robot robot-plain.yaml"),
         ((form(file="elsewhere.yaml"), form()), "load --robot elsewhere.yaml"),
@@ -385,13 +391,19 @@ def test_a_check_is_of_the_set_that_files_and_other_findings_name(whole: PaperCa
 
 
 def test_space_that_the_shots_do_not_cover_is_answered_by_a_plan(evidence: Evidence) -> None:
-    """And not by the same file again; with a plan there are shots to measure."""
+    """With the options of the last one, and twice as many shots once that was measured."""
     judgement = Judgement(
         verdict="not decided", reasons=("7 %",), obstacles=(findings.EXTRAPOLATION,)
     )
     identification = replace(evidence.identification, judgement=judgement)
-    imported = replace(evidence, identification=identification, plan=None)
-    state = state_of(Evaluation(imported))
-    assert words_of(next_step(state)) == "plan"
-    assert "plan poses there" in next_step(state).first
-    assert words_of(next_step(replace(state, to_plan=False))) == "run --anew"
+    uncovered = replace(
+        evidence, identification=identification, plan_options=("--seed", "5", "--until", "0.1")
+    )
+    shots = 2 * sum(row.purpose is ShotSet.IDENTIFICATION for row in evidence.plan)
+    for changes, says in (
+        ({"plan": None}, "plan --seed 5 --until 0.1"),
+        ({}, f"plan --seed 5 --shots {shots}"),
+    ):
+        assert advised(uncovered, **changes) == says
+    step = next_step(state_of(Evaluation(uncovered)))
+    assert step.first == COVER

@@ -5,6 +5,7 @@ import shlex
 import shutil
 import sqlite3
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 from command_line import change
@@ -91,3 +92,85 @@ def test_an_older_memory_of_the_cell_is_called_that_and_names_what_to_delete(pkm
     assert "delete the simulated cell's memory, cell-memory.json" in refused.error_line
     memory.unlink()
     assert pkmcal("devices", planned).code == 0
+
+
+ODD_NAMES = ("a'b dir", 'x $HOME "q"', "./-dash", "ünï/sub dir")
+
+
+def hint(ended):
+    """Words of what is next; () if nothing is."""
+    said = re.search(r"^next: pkmcal (.*)$", ended.out + ended.err, re.M)
+    return tuple(shlex.split(said[1])) if said else ()
+
+
+def follow(pkmcal, folder, most):
+    """Type up to `most` times what is next, and no command twice but the report; give the words."""
+    typed, ended = [], pkmcal("status", folder)
+    assert ended.code == 0
+    while (words := hint(ended)) and len(typed) < most:
+        if words in typed:  # people decide, and the report is made again
+            assert words[0] == "report", typed
+            break
+        if "move this one away" in ended.out + ended.err:
+            Path(folder, "report.html").rename(Path(folder, "somebodys.html"))
+        ended = pkmcal(*words, *(["--yes"] if words[0] in MOVES else []))
+        assert ended.code in {0, 1}, (words, ended.err)
+        typed.append(words)
+    return typed
+
+
+def without_plan(folder):
+    (folder / "plan.csv").unlink()
+
+
+def spoilt_plan(folder):
+    (folder / "plan.csv").write_text("shot")
+
+
+def unsafe_plan(folder):
+    """One joint far outside of the robot's limits."""
+    head, *rows = (folder / "plan.csv").read_text().splitlines()
+    place = head.split(",").index("q0_deg")
+    cells = rows[5].split(",")
+    cells[place] = "170"
+    rows[5] = ",".join(cells)
+    (folder / "plan.csv").write_text("\n".join([head, *rows]))
+
+
+def anothers_files(folder):
+    for name in ("robot-compensated.yaml", "robot-plain.yaml", "report.html"):
+        (folder / name).write_text("somebody's")
+
+
+def other_limits(folder):
+    change(folder / "campaign.yaml", {"acceptance.distance_mean_mm": 0.01})
+
+
+DAMAGES_OF_FILES = (without_plan, spoilt_plan, unsafe_plan, anothers_files, other_limits)
+
+
+def damaged(campaign, damage, parent, monkeypatch):
+    """A copy of a campaign, damaged, under an odd name; gives the name from its parent."""
+    monkeypatch.chdir(parent)
+    name = ODD_NAMES[DAMAGES_OF_FILES.index(damage) % len(ODD_NAMES)]
+    damage(Path(shutil.copytree(campaign, parent / name)))
+    return name
+
+
+@pytest.mark.parametrize("damage", DAMAGES_OF_FILES)
+def test_what_is_next_after_a_damage_is_not_refused(
+    pkmcal, planned_once, measured_once, exported_once, tmp_path, damage, monkeypatch
+):
+    for stage, campaign in enumerate((planned_once, measured_once, exported_once)):
+        if stage == 2 or damage in {spoilt_plan, unsafe_plan}:
+            (parent := tmp_path / str(stage)).mkdir()
+            assert follow(pkmcal, damaged(campaign, damage, parent, monkeypatch), 1)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("damage", DAMAGES_OF_FILES)
+def test_hints_lead_from_a_damage_to_the_report(
+    pkmcal, exported_once, tmp_path, damage, monkeypatch
+):
+    folder = damaged(exported_once, damage, tmp_path, monkeypatch)
+    assert follow(pkmcal, folder, 12)[-1][0] == "report"

@@ -93,7 +93,7 @@ def test_serial_numbers_are_compared_where_both_are_known() -> None:
 def test_missing_file_and_file_of_another_mechanism_are_refused(nominal, tmp_path) -> None:
     path = tmp_path / "delta.yaml"
     with pytest.raises(ConfigInvalid, match=r"there is no such file .*pkmcal export"):
-        read_parameter_file(path, tmp_path, nominal)
+        read_parameter_file(path, nominal)
     path.write_text(find_robot("delta").document.text, encoding="utf-8")
     with pytest.raises(ConfigInvalid, match="of a delta, this campaign's robot is a par4"):
-        read_parameter_file(path, tmp_path, nominal)
+        read_parameter_file(path, nominal)
