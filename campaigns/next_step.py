@@ -298,23 +298,19 @@ def next_step(state: CampaignState) -> NextStep | None:
     if state.measured != "run":
         again = "import {folder} {imported} --force"
     command = row.command.replace("{remedy}", state.remedy or again).replace("{again}", again)
-    robot = f"{state.folder}/{state.file}"
-    several = {
+    robot, to_fill = (as_word(f"{state.folder}/{name}") for name in (state.file, OBSERVATIONS))
+    words = {
+        "{folder}": (as_word(state.folder),),
+        "{imported}": (as_word(state.imported),),
         "{plan_options}": state.plan_options,
-        "{robot}": () if state.file == FILE_NAME else ("--robot", as_word(robot)),
+        "{robot}": () if state.file == FILE_NAME else ("--robot", robot),
+        "{to_fill}": (to_fill,),
     }
-    values = {
-        "folder": as_word(state.folder),
-        "imported": as_word(state.imported),
-        "to_fill": as_word(f"{state.folder}/{OBSERVATIONS}"),
-    }
-    words = (
-        several[word] if word in several else (word.format_map(values),) for word in command.split()
-    )
+    folder = quoted(state.folder)
     said = {
-        "folder": (folder := quoted(state.folder)),
+        "folder": folder,
         "ask": "" if state.answered else f"; `pkmcal devices {folder}` asks both devices",
-        "to_fill": quoted(values["to_fill"]),
+        "to_fill": quoted(to_fill),
         "exported": state.file,
         "remedy_first": state.remedy_first,
         "worker": state.worker,
@@ -322,7 +318,8 @@ def next_step(state: CampaignState) -> NextStep | None:
         "reasons": state.reasons,
     }
     first, why = (text.format_map(said) for text in (row.first, row.why))
-    return NextStep(tuple(chain.from_iterable(words)), first, why)
+    typed = chain.from_iterable(words.get(word, (word,)) for word in command.split())
+    return NextStep(tuple(typed), first, why)
 
 
 def state_of(

@@ -57,8 +57,8 @@ from drivers.texts import as_word
 Words = Sequence[str]
 MOST_REFUSALS = 5
 """Number of refusals in a row after which the last one is for people."""
-COMMAND = re.compile(r"`pkmcal ([a-z-]+ DIR[^`A-Z]*)`")
-"""Command in a remedy, for the campaign's folder, that can be typed as it stands."""
+COMMAND = re.compile(r"`pkmcal ((?!status)[a-z-]+ DIR[^`A-Z]*)`")
+"""Command in a remedy that can be typed as it stands; `status` remedies nothing."""
 UNIT = ("--unit", "mm")
 """Unit of a file that is still to be saved, in which people are asked to save it."""
 

@@ -16,7 +16,16 @@ from paper_campaign import MECHANISM, PaperCampaign, new_campaign
 from campaigns.campaign import open_campaign
 from campaigns.controllers.export import PLAIN, PLAIN_FILE, WrittenSet
 from campaigns.evaluation.decision import NO_LIMIT, Decision
-from campaigns.evidence import Evaluation, Evidence, Incident, MeasuredSeries, evaluate, gather
+from campaigns.evidence import (
+    Evaluation,
+    Evidence,
+    Incident,
+    MeasuredSeries,
+    evaluate,
+    gather,
+    joints_path,
+    program_path,
+)
 from campaigns.identification import findings
 from campaigns.identification.checking import RecordedCheck
 from campaigns.identification.findings import Finding
@@ -36,6 +45,9 @@ from campaigns.next_step import (
 from campaigns.options import CheckOptions
 from campaigns.planning.plan_file import write_plan
 from campaigns.robots.reduced_form import ReducedForm
+from campaigns.settings.config import CampaignConfig
+from campaigns.settings.sections import OFFLINE
+from campaigns.shots.import_export import FILES_KEY, ImportedFile
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.checking import check_work
 from campaigns.workflow.status import doubtful
@@ -152,6 +164,7 @@ def test_no_advice_leads_back_and_all_end() -> None:
     ("state", "says"),
     [
         ({}, f"{LOOK}; `devices DIR` asks both devices, then: plan DIR"),
+        ({"answered": True}, f"{LOOK}, then: plan DIR"),
         (
             {**MEASURED, "unmeasured": True, "worker": "process 7"},
             "wait, or follow with `watch DIR` (process 7 works on this campaign), then: status DIR",
@@ -407,3 +420,35 @@ def test_space_that_the_shots_do_not_cover_is_answered_by_a_plan(evidence: Evide
         assert advised(uncovered, **changes) == says
     step = next_step(state_of(Evaluation(uncovered)))
     assert step.first == COVER
+
+
+def test_an_import_that_leaves_space_out_is_followed_by_a_plan_its_program_and_its_points(
+    evidence: Evidence, tmp_path: Path
+) -> None:
+    """Each in its turn: the joints of the program show whether its shots are imported."""
+    campaign = replace(evidence.campaign, folder=tmp_path, config=offline(evidence.campaign.config))
+    judgement = Judgement(verdict="fail", reasons=("7 %",), obstacles=(findings.EXTRAPOLATION,))
+    identification = replace(evidence.identification, judgement=judgement)
+    joints = joints_path(tmp_path, "run")
+    joints.write_text("name,q0_deg")
+
+    def advised_after(files: tuple[ImportedFile, ...], **changes: Any) -> str:
+        (run,) = (each for each in evidence.journal.series if each.to_identify)
+        named = {FILES_KEY: [{"name": file.name, "sha256": file.sha256} for file in files]}
+        started = replace(run.started, stage="import", configuration=named)
+        journal = replace(evidence.journal, series=(replace(run, started=started),))
+        imported = {"campaign": campaign, "journal": journal, "identification": identification}
+        return advised(evidence, **imported, **changes)
+
+    assert advised_after((), plan=None) == "plan"
+    assert advised_after(()) == "plan --program csv"
+    program_path(tmp_path, "run").write_text(f"shot,program\n,sha256 {evidence.plan_digest}")
+    assert advised_after(()) == "import run.txt --unit mm --force"
+    shots = 2 * sum(row.purpose is ShotSet.IDENTIFICATION for row in evidence.plan)
+    assert advised_after((ImportedFile.of(joints),)) == f"plan --shots {shots}"
+
+
+def offline(config: CampaignConfig) -> CampaignConfig:
+    """The settings of a campaign without devices."""
+    controller = config.controller.model_copy(update={"url": OFFLINE})
+    return config.model_copy(update={"controller": controller})
