@@ -73,6 +73,7 @@ def values_csv(campaign: str, values: tuple[ReportedValue, ...]) -> str:
 
 def reported_values(evaluation: Evaluation) -> tuple[ReportedValue, ...]:
     """Return the figures of the page's tables: verdict, limits, errors, budget and parameters."""
+    # In the order of the page, so that a row is found there too.
     evidence = evaluation.evidence
     values = [ReportedValue(table="verdict", name="campaign", decision=evaluation.verdict.decision)]
     values += [*_limits(evaluation), *_stages(evaluation), *_errors(evaluation)]

@@ -24,6 +24,7 @@ from campaigns.planning.plans import Placement
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots_csv import ShotRow
 from campaigns.workflow.importing import import_shots
+from campaigns.workflow.next_hint import next_hint
 from campaigns.workflow.planning import plan
 
 PLAN_KEYS = {
@@ -256,7 +257,7 @@ def test_the_hint_to_plan_anew_has_the_force_that_it_needs(tmp_path):
         paper = new_campaign(tmp_path / how)
         measured_by_plan(paper, how)
         state = replace(state_of(Evaluation(gather(paper.campaign))), misplaced="elsewhere")
-        assert next_step(state).text.endswith(" --force") is forced
+        assert next_hint(paper.campaign, state).text.endswith(" --force") is forced
 
 
 def test_a_plan_keeps_the_options_that_hints_repeat(tmp_path):

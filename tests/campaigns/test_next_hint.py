@@ -42,8 +42,8 @@ def options_of(step: NextStep | None) -> tuple[str, ...]:
     [
         ("Name;X;Y;Z\nshot0;1.5;2.5;3.5\n", ("--unit", "mm")),
         ("Name;X [m];Y [m];Z [m]\nshot0;1.5;2.5;3.5\n", ()),
-        ("Name;X;Y;Z\nshot0;1,5;2,5;3,5\n", ("--unit", "mm", "--decimal", "comma")),
-        ("Name;X [mm];Y [mm];Z [mm]\nshot0;1,234.5;2.5;3.5\n", ("--decimal", "point")),
+        ("Name;X;Y;Z\nshot0;1,5;2,5;3,5\n", ("--unit", "mm")),
+        ("Name;X [mm];Y [mm];Z [mm]\nshot0;1,234;2,345;3,456\n", ("--decimal", "comma")),
         ("pair,q0_deg,q1_deg,q2_deg,x_mm,y_mm,z_mm\n0,9,9,9,1,2,3\n0,8,8,8,1,2,3\n", ()),
     ],
 )
