@@ -2,7 +2,8 @@
 
 A fit cannot distinguish points in metres from a robot a thousand times smaller, and hold-out pairs
 agree, being in the same unit. Only the nominal robot contradicts it: its positions at the recorded
-joints must be the measured points up to a rigid motion, nearly so even before any fit.
+joints must be the measured points up to a rigid motion, nearly so even before any fit. How nearly
+follows from the tolerances of the robot's parameters (`right_misfit`).
 
 If they are not, causes are fitted, the simplest first, and one is named only if no more remains
 then than with shots that were read rightly:
@@ -10,35 +11,35 @@ then than with shots that were read rightly:
 1. another reading: unit, mirrored frame, half of the plate, radians, signs or order of the joints
    (`readings`). Where the robot's symmetry lets several fit alike, the tracker's rough place
    decides, or they are all named;
-2. a tracker that stood elsewhere from some shot on: two rigid pieces fit, one does not;
-3. another scale of lengths, and an affine map for each joint: factor and zero (`joint_maps`).
+2. a tracker that stood elsewhere from some shots on: rigid pieces fit (`pieces`);
+3. another scale of lengths, and a map of the columns to joints: order, factor and zero
+   (`joint_maps`).
 
 Zeros, factors and scales that are less than wrong are for the fit itself to find.
 """
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
-from campaigns.evaluation.joint_maps import map_in_words, simplest_map
-from campaigns.evaluation.readings import (
-    COLUMNS,
+from campaigns.evaluation.joint_maps import Causes, JointMap, simplest_map
+from campaigns.evaluation.pieces import (
+    COVERAGE,
     FEWEST_SHOTS,
-    MIRRORED,
-    Causes,
-    Reading,
-    each_reading,
+    JUDGED_SHARE,
     greater_part,
-    halves,
-    joint_readings,
-    joint_words,
+    rigid_pieces,
     similarity,
     similarity_fit,
+    spread_mm,
 )
+from campaigns.evaluation.readings import MIRRORED, Reading, each_reading, halves, joint_readings
+from campaigns.fit.rigid_transforms import away_from_mean, frame_jacobian
 from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import ParameterTable
 from campaigns.robots.schema import Tolerance
@@ -48,21 +49,12 @@ from drivers.values import DISTANCE, JOINT_ANGLE, PART_TEMPERATURE, SIGMA, TEMPE
 
 SHOTS_TO_TRY = 24
 """Shots by which other readings are tried: hundreds of readings of all shots would take long."""
-LINE_SPREAD = 0.02
-"""Points whose second spread is below this part of the first lie on a line: no frame."""
-PLAUSIBLE_MISFIT = 0.06
-"""Misfit in parts of the points' spread: robots with lengths off by 10 mm and joints by 5° stay
-below it, and one of the wrong order of joints is above."""
-BETTER_BY = 0.6
-"""Ratio of misfits below which another reading is the cause."""
-RIGHT_MISFIT = BETTER_BY * PLAUSIBLE_MISFIT
-"""Misfit of shots that are read rightly, up to which a cause explains them without doubt."""
 IMPOSSIBLE_MISFIT = 0.3
 """Misfit that no robot of this kind has: below it the robot may be far off its drawing."""
-NEARER_BY = 0.3
-"""Ratio of distances from the stated place below which the nearer of two places is right."""
 ROUGH_PLACE_MM = 1000.0
 """Error of a rough place of the tracker: below it the place is not contradicted."""
+TOLERANCE = Tolerance()
+"""Tolerances of a robot that states none."""
 
 
 def beyond_tolerance(
@@ -83,39 +75,43 @@ def check_shots(
     where: str,
     place_mm: Vector3 | None = None,
     unit: LengthUnit = "mm",
+    tolerance: Tolerance = TOLERANCE,
 ) -> None:
     """Raise `ShotsInvalid`, naming the cause, for shots that cannot be this robot's.
 
     `where` names the file or series. `place_mm` is the tracker's rough place in the base frame: it
     alone distinguishes arms where the robot is symmetrical about its axis. `unit`: of the file as
-    it was read.
+    it was read. `tolerance`: of the robot's parameters.
     """
-    _check_joints(nominal, shots, where)
-    _check_reading(nominal, shots, where, place_mm, unit)
+    robot = _Robot(nominal, tolerance)
+    _check_joints(robot, shots, where)
+    _check_reading(robot, shots, where, place_mm, unit)
     _check_values(shots, where)
 
 
-def check_distances(nominal: Kinematics, shots: Shots, limit_mm: float, where: str) -> None:
+def check_distances(
+    nominal: Kinematics, shots: Shots, limit_mm: float, where: str, tolerance: Tolerance = TOLERANCE
+) -> None:
     """Raise `ShotsInvalid` for a point farther than a gate from where the nominal robot puts it.
 
     A run has this gate for every shot; imported shots get it here, after the best rigid fit of the
     greater part of them.
     """
-    modelled = nominal.forward(shots.joints)
-    rows = np.flatnonzero(modelled.is_solved & np.isfinite(shots.points_in_tracker_mm).all(axis=1))
+    robot = _Robot(nominal, tolerance)
+    modelled = robot.modelled(shots, np.arange(len(shots)))
+    rows, positions, points = modelled.rows, modelled.positions, modelled.points
     if len(rows) < FEWEST_SHOTS:
         return
-    positions, points = nominal.points(modelled.values[rows]), shots.points_in_tracker_mm[rows]
     part = greater_part(positions, points, scaled=False)
     _, residuals = similarity(positions, points, part, scaled=False)
     off_mm = np.linalg.norm(residuals, axis=1)
     worst = int(np.argmax(off_mm))
     if off_mm[worst] > limit_mm:
         # what holds for many shots is no error of this one
-        _check_stations(nominal, shots, where, limit_mm)
-        spread = np.linalg.norm(points[part] - points[part].mean(axis=0))
-        if np.linalg.norm(residuals[part]) > PLAUSIBLE_MISFIT * spread:
-            _check_maps(nominal, shots.rows(_to_try(len(shots))), where)
+        _check_stations(robot, shots, where, limit_mm)
+        misfit = np.linalg.norm(residuals[part]) / np.linalg.norm(away_from_mean(points[part]))
+        if misfit > robot.plausible_misfit(shots.joints):
+            _check_maps(robot, shots.rows(_to_try(len(shots))), where, is_possible=True)
         raise ShotsInvalid(
             f"{where}: shot {shots.numbers[rows[worst]]}: its point is {off_mm[worst]:.0f} mm from "
             f"where the nominal robot puts it, limit {limit_mm:g} mm",
@@ -124,11 +120,72 @@ def check_distances(nominal: Kinematics, shots: Shots, limit_mm: float, where: s
         )
 
 
-def _check_joints(nominal: Kinematics, shots: Shots, where: str) -> None:
-    """Raise `ShotsInvalid` for angles that no encoder in degrees has."""
-    for place, axis in enumerate(nominal.mechanism.joints):
+@dataclass(frozen=True, slots=True, eq=False)
+class _Robot:
+    """Nominal robot, and how far its parameters may be from nominal."""
+
+    nominal: Kinematics
+    tolerance: Tolerance
+
+    # An error that is anywhere within its tolerance has the variance of a uniform distribution (GUM
+    # 4.3.7). To first order it moves the points by its column of the Jacobian; what a motion of the
+    # frame or a scale of lengths explains of that is no misfit. Half of the shots move less than
+    # the median: a few near a singular pose do not decide.
+    def right_misfit(self, joints: Array) -> float:
+        """Return the misfit of robots within their tolerances at joints (N, n), rad and mm.
+
+        It is in parts of the points' spread; 0 if the robot cannot take a good part of the joints.
+        """
+        table = self.nominal.mechanism.parameters
+        solution = self.nominal.forward(joints[_to_try(len(joints))])
+        solved = solution.is_solved
+        joints, poses = joints[_to_try(len(joints))][solved], solution.values[solved]
+        if len(poses) < max(FEWEST_SHOTS, JUDGED_SHARE * len(solved)):
+            return 0.0
+        count = len(table.names)
+        limits = np.array([self.tolerance.of(table[name]) for name in table.names])
+        std = limits * table.file_unit[:count] / math.sqrt(3.0)
+        try:
+            rows = self.nominal.point_jacobian(joints, poses)[..., :count] * std
+        except np.linalg.LinAlgError:
+            return 0.0
+        positions = away_from_mean(self.nominal.points(poses))
+        moved = np.concatenate([frame_jacobian(positions), positions[..., None]], axis=2)
+        frame = np.linalg.qr(moved.reshape(-1, moved.shape[2]))[0]
+        rows = rows.reshape(-1, count)
+        off = (rows - frame @ (frame.T @ rows)).reshape(len(poses), -1)
+        return float(np.sqrt(np.median(np.sum(off**2, axis=1)))) / spread_mm(positions)
+
+    def plausible_misfit(self, joints: Array) -> float:
+        """Return the misfit up to which shots with joints (N, n) are not doubted."""
+        return min(COVERAGE * self.right_misfit(joints), 1.0 / COVERAGE)
+
+    def modelled(self, shots: Shots, rows: Index) -> "_Modelled":
+        """Return those of some rows whose joints the robot can take, with their points."""
+        poses = self.nominal.forward(shots.joints[rows])
+        points = shots.points_in_tracker_mm[rows]
+        usable = poses.is_solved & np.isfinite(points).all(axis=1)
+        return _Modelled(rows[usable], self.nominal.points(poses.values[usable]), points[usable])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Modelled:
+    """Rows of shots, where the nominal robot puts their points, and where these were measured."""
+
+    rows: Index
+    positions: Array
+    """In the base frame (M, 3)."""
+    points: Array
+    """In the tracker's frame (M, 3)."""
+
+
+def _check_joints(robot: _Robot, shots: Shots, where: str) -> None:
+    """Raise `ShotsInvalid` for angles that no encoder in degrees has, counts by their factor."""
+    for place, axis in enumerate(robot.nominal.mechanism.joints):
         beyond = np.abs(shots.joints[:, place]) > math.radians(JOINT_ANGLE.most)
         if axis.is_revolute and beyond.any():
+            if np.count_nonzero(beyond) >= FEWEST_SHOTS:  # fewer are single wrong rows
+                _check_maps(robot, shots.rows(_to_try(len(shots))), where)
             row = int(np.argmax(beyond))
             raise ShotsInvalid(
                 f"{where}: shot {shots.numbers[row]}: joint {axis.column} is "
@@ -160,23 +217,27 @@ def _check_values(shots: Shots, where: str) -> None:
 
 
 def _check_reading(
-    nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3 | None, unit: LengthUnit
+    robot: _Robot, shots: Shots, where: str, place_mm: Vector3 | None, unit: LengthUnit
 ) -> None:
     """Raise `ShotsInvalid` where another reading fits far better, or what is written not at all."""
     # 1. Compare the places of the reflector, with all else as it is written.
     # 2. If what is written fits, only the tracker's place can contradict it.
     # 3. Otherwise fit causes to some of the shots, and name the simplest that explain them.
     # 4. In between the shots pass: a robot that is far off its drawing is what the fit is for.
-    points = shots.points_in_tracker_mm
-    if len(points) < FEWEST_SHOTS or _is_line(points):
+    nominal, points = robot.nominal, shots.points_in_tracker_mm
+    if len(points) < FEWEST_SHOTS:
+        return
+    plausible = robot.plausible_misfit(shots.joints)
+    spread = np.linalg.svd(away_from_mean(points), compute_uv=False)
+    if COVERAGE * spread[1] <= plausible * spread[0]:  # a line, but for the robot's errors
         return
     of_halves = tuple(halves(nominal))
     as_written = [next(each_reading(*half, {(): shots.joints}, points, unit)) for half in of_halves]
     unchanged = as_written[0]
-    _check_crossbar(of_halves, as_written, where)
-    if unchanged.cost <= PLAUSIBLE_MISFIT:
+    _check_crossbar(robot, of_halves, as_written, where)
+    if unchanged.cost <= plausible:
         if place_mm is not None:
-            _check_arms(nominal, shots, where, place_mm, unchanged)
+            _check_arms(robot, shots, where, place_mm, unchanged)
         return
     rows = _to_try(len(points))
     joints_by_causes = joint_readings(nominal, shots.joints[rows])
@@ -185,20 +246,22 @@ def _check_reading(
         for half in of_halves
         for reading in each_reading(*half, joints_by_causes, points[rows], unit)
     ]
-    best_cost = min(reading.cost for reading in tried)
-    is_better = best_cost <= min(BETTER_BY * unchanged.cost, PLAUSIBLE_MISFIT)
-    if is_better and best_cost <= RIGHT_MISFIT:
-        raise _refusal_by(_best_readings(tried, place_mm), where)
-    _check_stations(nominal, shots, where)
-    if unchanged.cost > IMPOSSIBLE_MISFIT:
-        _check_maps(nominal, shots.rows(rows), where)
+    best = min(tried, key=lambda reading: reading.cost)
+    right = robot.right_misfit(best.joints)
+    is_better = best.cost <= min(unchanged.cost / COVERAGE, robot.plausible_misfit(best.joints))
+    if is_better and best.cost <= right:
+        raise _refusal_by(_best_readings(tried, right, place_mm), where)
+    _check_stations(robot, shots, where)
+    is_impossible = unchanged.cost > max(IMPOSSIBLE_MISFIT, plausible)
+    if is_impossible:
+        _check_maps(robot, shots.rows(rows), where)
     if is_better:
-        raise _refusal_by(_best_readings(tried, place_mm), where)
-    if unchanged.cost > IMPOSSIBLE_MISFIT:
+        raise _refusal_by(_best_readings(tried, right, place_mm), where)
+    if is_impossible:
         raise ShotsInvalid(
             f"{where}: the points do not follow the joints, and no simple cause explains them: "
             f"after the best fit {100.0 * min(unchanged.cost, 9.99):.0f} % of their spread is "
-            f"left, limit {100.0 * IMPOSSIBLE_MISFIT:.0f} %",
+            f"left, limit {100.0 * max(IMPOSSIBLE_MISFIT, plausible):.0f} %",
             remedy="look at the order of rows, and whether this is the robot of robot.yaml",
         )
 
@@ -208,89 +271,88 @@ def _to_try(count: int) -> Index:
     return np.unique(np.linspace(0, count - 1, SHOTS_TO_TRY).astype(np.intp))
 
 
-def _check_stations(
-    nominal: Kinematics, shots: Shots, where: str, limit_mm: float = math.inf
-) -> None:
-    """Raise `ShotsInvalid` where two rigid pieces of the shots fit, but one does not.
+def _check_stations(robot: _Robot, shots: Shots, where: str, worst_mm: float = math.inf) -> None:
+    """Raise `ShotsInvalid` where rigid pieces of the shots fit, but one does not.
 
-    No point may then be farther than `limit_mm` from where the nominal robot puts it.
+    No point may then be farther than `worst_mm` from where the nominal robot puts it.
     """
-    # Every border between the pieces is tried, in the order of time, for the sum of their squares.
-    order = shots.order_of_time()
-    modelled = nominal.forward(shots.joints[order])
-    points = shots.points_in_tracker_mm[order]
-    is_usable = modelled.is_solved & np.isfinite(points).all(axis=1)
-    rows, points = order[is_usable], points[is_usable]
-    positions = nominal.points(modelled.values[is_usable])
-    best = (math.inf, 0)
-    for border in range(FEWEST_SHOTS, len(rows) - FEWEST_SHOTS + 1):
-        pieces = np.split(np.arange(len(rows)), [border])
-        off = np.concatenate(
-            [
-                similarity(positions[piece], points[piece], np.arange(len(piece)), scaled=False)[1]
-                for piece in pieces
-            ]
-        )
-        apart = np.concatenate([points[piece] - points[piece].mean(axis=0) for piece in pieces])
-        if np.linalg.norm(off, axis=1).max() <= limit_mm:
-            best = min(best, (float(np.linalg.norm(off) / np.linalg.norm(apart)), border))
-    misfit, border = best
-    if misfit > RIGHT_MISFIT:
+    modelled = robot.modelled(shots, shots.order_of_time())
+    rows, positions, points = modelled.rows, modelled.positions, modelled.points
+    if len(rows) < FEWEST_SHOTS:
         return
-    last, first = (shots.numbers[rows[row]] for row in (border - 1, border))
+    limit_mm = robot.plausible_misfit(shots.joints) * spread_mm(positions)
+    borders = rigid_pieces(positions, points, limit_mm, worst_mm)[1:]
+    if not borders:
+        return
+    first = [shots.numbers[rows[border]] for border in borders]
+    last = shots.numbers[rows[borders[0] - 1]]
+    sessions = [f"1 up to shot {last}"]
+    for session, (begin, end) in enumerate(zip(first, [*borders[1:], None], strict=True), 2):
+        until = f" to {shots.numbers[rows[end - 1]]}" if end else " on"
+        sessions.append(f"{session} from shot {begin}{until}")
     raise ShotsInvalid(
-        f"{where}: two rigid pieces fit the points, one does not: the tracker stood elsewhere from "
-        f"shot {first} on",
-        remedy=f"add a column session, 1 up to shot {last} and 2 from shot {first} on, and "
+        f"{where}: {len(first) + 1} rigid pieces fit the points, one does not: the tracker stood "
+        f"elsewhere from shot {' on, and again from shot '.join(map(str, first))} on",
+        remedy=f"add a column session, {', '.join(sessions[:-1])} and {sessions[-1]}, and "
         "identify --sessions",
     )
 
 
-def _check_maps(nominal: Kinematics, shots: Shots, where: str) -> None:
-    """Raise `ShotsInvalid` where a scale of lengths or affine maps of the joints explain shots."""
+def _check_maps(robot: _Robot, shots: Shots, where: str, *, is_possible: bool = False) -> None:
+    """Raise `ShotsInvalid` where a scale of lengths or a map of the columns explains shots.
+
+    Of shots that are possible, a factor for each joint would explain the robot's errors too.
+    """
     shots = shots.rows(np.flatnonzero(np.isfinite(shots.points_in_tracker_mm).all(axis=1)))
-    points = shots.points_in_tracker_mm
-    modelled = nominal.forward(shots.joints)
-    if np.count_nonzero(modelled.is_solved) >= FEWEST_SHOTS:
-        solved = modelled.is_solved
-        scale, misfit = similarity_fit(nominal.points(modelled.values[solved]), points[solved])
-        if misfit <= RIGHT_MISFIT:
+    axes = robot.nominal.mechanism.joints
+    modelled = robot.modelled(shots, np.arange(len(shots)))
+    if len(shots) < FEWEST_SHOTS:
+        return
+    if len(modelled.rows) >= FEWEST_SHOTS:
+        scale, misfit = similarity_fit(modelled.positions, modelled.points)
+        if misfit <= robot.right_misfit(shots.joints):
             raise ShotsInvalid(
                 f"{where}: distances between the points are {scale:.3g} times those of the nominal "
                 "robot",
                 remedy="correct the lengths in robot.yaml, or the unit of the points",
             )
-    best = simplest_map(nominal, shots.joints, points, RIGHT_MISFIT)
-    if best is not None:
-        cause, remedy = map_in_words(best, nominal.mechanism.joints)
-        raise ShotsInvalid(f"{where}: {cause}", remedy=remedy)
+    best = simplest_map(robot.nominal, shots.joints, shots.points_in_tracker_mm, robot.right_misfit)
+    if best is None or (is_possible and not best.has_one_factor):
+        return
+    if causes := best.causes(axes, shots.joints):
+        words = " and ".join(word for word, _ in causes)
+        raise ShotsInvalid(f"{where}: {words}", remedy=causes[0][1])
 
 
 # The middle of a crossbar and its halves differ by less than any other causes do: a wrong one may
 # stay below the plausible misfit, so it is looked for first.
 def _check_crossbar(
-    of_halves: Sequence[tuple[Causes, Kinematics]], as_written: Sequence[Reading], where: str
+    robot: _Robot,
+    of_halves: Sequence[tuple[Causes, Kinematics]],
+    as_written: Sequence[Reading],
+    where: str,
 ) -> None:
     """Raise `ShotsInvalid` where a half of a crossbar was taken for its middle, or the reverse.
 
     `as_written` are the readings of the robots in `of_halves`, the first as its file has it.
     """
-    (_, nominal), unchanged = of_halves[0], as_written[0]
-    costs = [reading.cost for reading in as_written]
-    place = costs.index(min(costs))
-    _, robot = of_halves[place]
-    is_middle = [model.mechanism.is_between_halves for model in (nominal, robot)]
-    best = as_written[place]
-    if best.cost <= min(BETTER_BY * unchanged.cost, PLAUSIBLE_MISFIT) and any(is_middle):
+    best, (_, on_half) = min(
+        zip(as_written, of_halves, strict=True), key=lambda reading: reading[0].cost
+    )
+    limit = min(as_written[0].cost / COVERAGE, robot.plausible_misfit(best.joints))
+    models = (robot.nominal, on_half)
+    if best.cost <= limit and any(model.mechanism.is_between_halves for model in models):
         raise _refusal_by([best], where)
 
 
-def _best_readings(tried: Sequence[Reading], place_mm: Vector3 | None) -> list[Reading]:
+def _best_readings(
+    tried: Sequence[Reading], right_misfit: float, place_mm: Vector3 | None
+) -> list[Reading]:
     """Return the readings that fit best with the fewest causes, by the tracker's place if it can.
 
     Differences up to the misfit of right readings are those of the robot, not of the readings.
     """
-    limit = max(RIGHT_MISFIT, min(reading.cost for reading in tried))
+    limit = max(right_misfit, min(reading.cost for reading in tried))
     alike = [reading for reading in tried if reading.causes and reading.cost <= limit]
     fewest = min(len(reading.causes) for reading in alike)
     return _nearest_to(place_mm, [reading for reading in alike if len(reading.causes) == fewest])
@@ -311,22 +373,17 @@ def _nearest_to(place_mm: Vector3 | None, readings: list[Reading]) -> list[Readi
 
     The most likely come first: a mirrored frame, and the half of the plate before columns.
     """
-    readings = sorted(readings, key=lambda r: (MIRRORED not in r.causes, r.remedy == COLUMNS))
+    readings = sorted(readings, key=lambda r: (MIRRORED not in r.causes, bool(r.of_columns)))
     if place_mm is None:
         return readings
     off_mm = [math.dist(reading.tracker_mm, place_mm) for reading in readings]
-    nearest = min(off_mm)
-    near = [r for r, mm in zip(readings, off_mm, strict=True) if nearest >= NEARER_BY * mm]
+    limit_mm = COVERAGE * min(off_mm)
+    near = [r for r, mm in zip(readings, off_mm, strict=True) if mm <= limit_mm]
     return near if len(near) == 1 else readings
 
 
-def _is_line(points: Array) -> bool:
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(spread[1] <= LINE_SPREAD * spread[0])
-
-
 def _check_arms(
-    nominal: Kinematics, shots: Shots, where: str, place_mm: Vector3, unchanged: Reading
+    robot: _Robot, shots: Shots, where: str, place_mm: Vector3, unchanged: Reading
 ) -> None:
     """Raise `ShotsInvalid` where the tracker's place shows that the arms are named from another.
 
@@ -335,19 +392,21 @@ def _check_arms(
     """
     # Where the tracker is not about where it should be, try every turn of the arms' names about the
     # robot's axis: one is accused if its points fit and bring the tracker to its place.
-    found_mm, arms = unchanged.tracker_mm, len(nominal.mechanism.joints)
+    found_mm, axes = unchanged.tracker_mm, robot.nominal.mechanism.joints
+    arms = len(axes)
     off_mm = math.dist(found_mm, place_mm)
     if not off_mm >= ROUGH_PLACE_MM:  # NaN, of points on a line, shows nothing either
         return
     # A platform of two parts comes back to itself after half a turn only.
-    turns = (arms // 2,) if nominal.mechanism.halves else range(1, arms)
-    for step, (on_half, robot) in product(turns, halves(nominal)):
+    turns = (arms // 2,) if robot.nominal.mechanism.halves else range(1, arms)
+    for step, (on_half, seen) in product(turns, halves(robot.nominal)):
         order = tuple((arm - step) % arms for arm in range(arms))
-        words = " and ".join(joint_words(order, (1.0,) * arms))
-        meant: dict[Causes, Array] = {((words, COLUMNS),): shots.joints[:, order]}
-        moved = next(each_reading(on_half, robot, meant, shots.points_in_tracker_mm, "mm"))
+        turned = JointMap(order, np.ones(arms), np.zeros(arms))
+        meant = {turned.causes(axes, shots.joints): turned.joints(shots.joints)}
+        moved = next(each_reading(on_half, seen, meant, shots.points_in_tracker_mm, "mm"))
+        plausible = robot.plausible_misfit(moved.joints)
         moved_off_mm = math.dist(moved.tracker_mm, place_mm)
-        if moved.cost <= PLAUSIBLE_MISFIT and moved_off_mm <= NEARER_BY * off_mm:
+        if moved.cost <= plausible and moved_off_mm <= off_mm / COVERAGE:
             x, y, z = found_mm.tolist()
             raise ShotsInvalid(
                 f"{where}: the tracker is found at ({x:.0f}, {y:.0f}, {z:.0f}) mm, "

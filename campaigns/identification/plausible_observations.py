@@ -14,7 +14,6 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.errors import ObservationsInvalid, ShotsMissing
-from campaigns.evaluation.plausibility import BETTER_BY
 from campaigns.evaluation.readings import UNITS
 from campaigns.fit.kinds import KINDS, differentiate
 from campaigns.identification.objects import Object
@@ -25,6 +24,8 @@ from campaigns.shots.observations_csv import ObservationRow
 from campaigns.shots.point_words import MM_PER_UNIT
 from drivers.values import DISTANCE, SIGMA
 
+BETTER_BY = 0.6
+"""Ratio of misfits below which another reading is the cause."""
 PLAUSIBLE_MM = 1.0
 """Misfit below which values are not doubted."""
 NOMINAL_MM = 5.0

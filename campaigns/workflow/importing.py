@@ -413,7 +413,7 @@ def _check(
         or (series.finished and series.started.stage not in replacing)
     )
     refuse_copies(rows, counting, name)
-    nominal = campaign.robot.kinematics
+    nominal, tolerance = campaign.robot.kinematics, campaign.robot.tolerance
     shots = shots_of_rows(rows, nominal)
     if averaged := averaged_in_words(shots, nominal.mechanism.joints):
         terms.tell(f"{name}: {averaged}")
@@ -441,5 +441,5 @@ def _check(
     for number in numbers:
         station = shots.rows(np.flatnonzero(shots.session == number))
         where = f"{name}, session {number}" if len(numbers) > 1 else name
-        check_shots(nominal, station, where, place_mm, terms.unit)
-        check_distances(nominal, station, campaign.config.gate.distance_mm, where)
+        check_shots(nominal, station, where, place_mm, terms.unit, tolerance)
+        check_distances(nominal, station, campaign.config.gate.distance_mm, where, tolerance)

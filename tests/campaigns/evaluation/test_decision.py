@@ -151,7 +151,11 @@ JUDGING = [
         for name in ("evidence.py", "workflow/loading.py", "workflow/validation.py")
     ),
 ]
-ELSEWHERE = {"decision.py", "plausibility.py"}  # the rule itself; mistaken files, not results
+ELSEWHERE = {
+    "decision.py",
+    "plausibility.py",
+    "pieces.py",
+}  # the rule itself; mistaken files, not results
 FIGURE = re.compile(r"limit|(value|before|after|error|upper|lost)_mm$|^error$|_abs$|^rms$")
 ORDER = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 

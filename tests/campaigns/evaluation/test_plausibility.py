@@ -12,7 +12,7 @@ from refusals import refusal
 from scipy.spatial.transform import Rotation
 
 from campaigns.errors import ShotsInvalid
-from campaigns.evaluation import plausibility, readings
+from campaigns.evaluation import joint_maps, pieces, plausibility
 from campaigns.kinematics.model import Kinematics
 from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.robots.robot import find_robot, pose_of, read_robot
@@ -148,14 +148,18 @@ def test_joints_that_count_from_another_zero_are_told_with_the_zero(name, zeros_
 @pytest.mark.parametrize(
     ("name", "factor", "words"),
     [
-        ("delta", 1.0 / 36.0, "divide q0_deg, q1_deg, q2_deg by 0.027"),
+        (
+            "delta",
+            1.0 / 36.0,
+            "too small: steps, turns or another unit → multiply q0_deg, q1_deg, q2",
+        ),
         (
             "delta",
             -2.5,
-            "have the other sign: steps, turns or another unit → divide q0_deg, q1_deg, q2",
+            "all joints seem to have the other sign → divide q0_deg, q1_deg, q2_deg by -2.5",
         ),
         ("linear-delta", 80.0, "times too large: steps, turns or another unit → divide q0_mm"),
-        ("linear-delta", 0.04, "divide q0_mm, q1_mm, q2_mm by 0.0"),
+        ("linear-delta", 0.04, "multiply q0_mm, q1_mm, q2_mm by 2"),
     ],
 )
 def test_joints_in_another_unit_are_told_with_the_factor(name, factor, words):
@@ -165,17 +169,179 @@ def test_joints_in_another_unit_are_told_with_the_factor(name, factor, words):
 @pytest.mark.slow
 def test_joints_in_another_unit_and_from_another_zero_are_told_by_the_line_to_write():
     said = read_as("delta", lambda joints: 0.2 * joints + 0.3)
-    assert "in another unit and to count from another zero → write " in said
+    assert (
+        " times too small: steps, turns or another unit and the joints seem to count from" in said
+    )
     assert re.search(r"write (5\.0|4\.9)\d* \* q0_deg - 8[5-7]", said)
+
+
+def with_column(joints, place, factor, zero=0.0):
+    """Joints of which one is read by another factor and zero."""
+    joints[:, place] = factor * joints[:, place] + zero
+    return joints
+
+
+ZERO = np.radians(40.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "written", "cause", "remedy"),
+    [
+        (
+            "par4-prototype",
+            lambda joints: with_column(joints[:, [1, 0, 2, 3]], 2, -1.0),
+            "order q1, q0, q2, q3 and the sign of q2 seems to be turned",
+            "write q1_deg, q0_deg, -q2_deg as q0_deg, q1_deg, q2_deg",
+        ),
+        (
+            "par4-prototype",
+            lambda joints: np.radians(joints[:, [1, 0, 2, 3]]),
+            "order q1, q0, q2, q3 and the joints look like radians",
+            "write 57.2958 * q1_deg, 57.2958 * q0_deg",
+        ),
+        (
+            "delta",
+            lambda joints: with_column(joints[:, [1, 0, 2]], 0, -1.0),
+            "the sign of q0 seems to be turned and the frame of the points is mirrored",
+            "write -q0_deg as q0_deg; turn the sign of one coordinate",
+        ),
+        (
+            "delta",
+            lambda joints: joints[:, [1, 0, 2]] - ZERO,
+            r"in the order q\d, q\d, q\d and the joints seem to count from another zero \(\+39",
+            r"write q\d_deg \+ 39.",
+        ),
+        (
+            "linear-delta",
+            lambda joints: 80.0 * joints[:, [2, 1, 0]],
+            r"in the order q\d, q\d, q\d and the joints seem to be 79.* times too large: steps",
+            r"write 0.0125\d* \* q\d_mm",
+        ),
+        ("delta", lambda joints: np.radians(joints) - 0.02, "radians and .* zero", "57.2958 * q0"),
+        ("delta", lambda joints: with_column(joints, 1, 1.0, -ZERO), "zero", "write q1_deg + 4"),
+        (
+            "par4-prototype",
+            lambda joints: with_column(joints, 3, np.radians(1.0)),
+            "q3_deg seems to be 5[78].* times too small",
+            "write 5[78].* q3_deg as q3_deg",
+        ),
+    ],
+)
+def test_other_orders_signs_units_and_zeros_together_are_told_with_what_to_write(
+    name, written, cause, remedy
+):
+    told = read_as(name, lambda joints: written(joints.copy())).partition("→")
+    for words, said in ((cause, told[0]), (remedy, told[2])):
+        assert words in said or re.search(words, said), said
+
+
+A_COUNT = np.radians(1.0)  # read as a degree
+TURN = 2.0 * np.pi
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "counts", "deg_per_count", "remedy"),
+    [
+        (
+            "delta",
+            lambda joints: A_COUNT * np.round(joints * 4096 / TURN),
+            0.0879,
+            "divide q0_deg, q1_deg, q2_deg by",
+        ),
+        (
+            "delta",
+            lambda joints: with_column(joints, 1, A_COUNT * 65536 / TURN),
+            0.00549,
+            "as q1_deg",
+        ),
+        (
+            "delta",
+            lambda joints: with_column(joints, 2, A_COUNT * 10000 / TURN, A_COUNT * 2500),
+            0.036,
+            "as q2_deg",
+        ),
+        (
+            "delta",
+            lambda joints: A_COUNT * np.round(joints * 4096 / TURN + np.array([2000, 1000, 3000])),
+            0.0879,
+            " - 1",
+        ),
+        (
+            "delta",
+            lambda joints: A_COUNT * np.round(-joints[:, [1, 0, 2]] * 4096 / TURN),
+            0.0879,
+            "write -0.087",
+        ),
+        (
+            "par4-prototype",
+            lambda joints: A_COUNT * np.round(joints * 8192 / TURN + 2048),
+            0.0439,
+            " - 90",
+        ),
+    ],
+)
+def test_counts_of_encoders_are_told_with_degrees_a_count(name, counts, deg_per_count, remedy):
+    said = read_as(name, lambda joints: counts(joints.copy()))
+    assert re.search("columns? q._deg.* seems? to hold counts of an encoder", said)
+    (factor,) = re.findall(r"a factor of ([\d.]+)° a count", said)
+    assert float(factor) == pytest.approx(deg_per_count, rel=0.02)
+    assert remedy in said.partition("→")[2]
+
+
+def test_a_single_angle_beyond_a_turn_is_a_wrong_row_and_no_count():
+    said = read_as("delta", lambda joints: np.r_[100.0 * joints[:1], joints[1:]])
+    assert "shot 0: joint q" in said
+    assert "limit ± 360°" in said
+
+
+def moved_at(shots, borders_mm):
+    """Shots whose tracker stood elsewhere from each of some rows on, turned and moved by mm."""
+    points = shots.points_in_tracker_mm.copy()
+    for seed, (border, moved_mm) in enumerate(borders_mm.items(), 4):
+        turn = Rotation.random(random_state=seed).as_matrix()
+        points[border:] = points[border:] @ turn.T + moved_mm
+    return replace(shots, points_in_tracker_mm=points)
+
+
+@pytest.mark.parametrize(
+    ("name", "borders_mm"),
+    [
+        ("delta", {12: 400.0, 25: -900.0}),
+        ("delta", {6: 300.0, 35: 700.0}),
+        ("par4-prototype", {9: 150.0, 20: 300.0}),
+        ("linear-delta", {10: 500.0, 20: -400.0, 30: 2000.0}),
+    ],
+)
+def test_each_place_where_the_tracker_stood_is_told_with_its_session(name, borders_mm):
+    shots = measured(name)
+    said = refusal(ShotsInvalid, check_import, moved_at(shots, borders_mm), name)
+    cause, _, remedy = said.partition("→")
+    first = [shots.numbers[border] for border in borders_mm]
+    assert f"{len(first) + 1} rigid pieces fit the points, one does not" in cause
+    assert [int(number) for number in re.findall(r"from shot (\d+)", cause)] == first
+    assert re.search(rf"{len(first) + 1} from shot {first[-1]} on, and identify --sess", remedy)
+
+
+def test_where_a_tracker_stood_is_found_in_thousands_of_shots_in_little_time():
+    rng, shots = np.random.default_rng(1), 20000
+    positions = rng.uniform(-200.0, 200.0, (shots, 3))
+    points = positions + rng.normal(0.0, 1.0, positions.shape)
+    points[4567:] = points[4567:] @ Rotation.random(random_state=1).as_matrix().T + 100.0
+    points[15000:] += 40.0
+    began_s = time.process_time()
+    assert pieces.rigid_pieces(positions, points, 4.0) == [0, 4567, 15000]
+    assert pieces.rigid_pieces(positions, rng.permutation(points), 4.0) == []
+    # every border by a fit of its own takes minutes
+    assert time.process_time() - began_s < 5.0
 
 
 @pytest.mark.parametrize("name", ["delta", "linear-delta"])
 @pytest.mark.parametrize(("border", "moved_mm"), [(12, 400.0), (25, -900.0), (33, 2000.0)])
 def test_a_tracker_that_stood_elsewhere_is_told_with_the_first_shot(name, border, moved_mm):
     shots = measured(name)
-    points = shots.points_in_tracker_mm.copy()
-    points[border:] = points[border:] @ Rotation.random(random_state=4).as_matrix().T + moved_mm
-    said = refusal(ShotsInvalid, check_import, replace(shots, points_in_tracker_mm=points), name)
+    said = refusal(ShotsInvalid, check_import, moved_at(shots, {border: moved_mm}), name)
     first = shots.numbers[border]
     assert f"the tracker stood elsewhere from shot {first} on → add a column session, 1 up" in said
     assert "identify --sessions" in said
@@ -347,6 +513,7 @@ def test_columns_of_six_joints_are_told_soon(hexapod, order, signs, said):
     assert time.process_time() - began_s < 10.0
 
 
-def test_every_order_of_four_joints_is_tried_and_those_of_unlike_joints_are_not():
-    assert len({*readings._orders(4)}) == 24
-    assert len({*readings._orders(6)}) == 15 + 12
+def test_every_order_of_four_joints_is_tried_and_few_of_six(hexapod):
+    axes = find_robot("par4-prototype").robot.mechanism.joints
+    assert len({*joint_maps._orders(axes)}) == 24
+    assert len({*joint_maps._orders(hexapod[0].mechanism.joints)}) == 15 + 12
