@@ -324,6 +324,17 @@ def test_each_place_where_the_tracker_stood_is_told_with_its_session(name, borde
     assert re.search(rf"{len(first) + 1} from shot {first[-1]} on, and identify --sess", remedy)
 
 
+@pytest.mark.parametrize("seed", [5, 51, 52])
+def test_a_robot_at_its_tolerances_that_pieces_fit_better_is_no_moved_tracker(seed):
+    """A frame for each piece takes up a part of the robot's errors, too."""
+    shots, said = measured("par4-prototype", seed, 1.0), ""
+    try:
+        check_import(shots, "par4-prototype")
+    except ShotsInvalid as error:
+        said = str(error)
+    assert not said or "its point is" in said
+
+
 def test_where_a_tracker_stood_is_found_in_thousands_of_shots_in_little_time():
     rng, shots = np.random.default_rng(1), 20000
     positions = rng.uniform(-200.0, 200.0, (shots, 3))
