@@ -277,18 +277,21 @@ class Evidence:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Latest event of each kind in which the identified series itself gives reason to doubt."""
-        if self.run is None or self.journal is None:
-            return ()
+        """Latest event of each kind in which a series itself gives reason to doubt.
+
+        Of the series that was identified from, and of those that validate the result.
+        """
+        judged = [*([self.run] if self.run else []), *self.after]
+        numbers = {measured.series.number for measured in judged}
         latest = {
-            incident.record.kind: incident.record
-            for incident in self.journal.incidents
-            if isinstance(incident.record, Event) and incident.series == self.run.series.number
+            (incident.series, incident.record.kind): incident.record
+            for incident in (self.journal.incidents if self.journal else ())
+            if isinstance(incident.record, Event) and incident.series in numbers
         }
         # The shots of "settling" are those since which the robot stays: without any it still moves.
         return tuple(
             event.text
-            for kind, event in latest.items()
+            for (_, kind), event in latest.items()
             if kind in {"robot changed", "temperature alarm"}
             or (kind == "settling" and not event.shots)
         )

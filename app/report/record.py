@@ -7,9 +7,10 @@ campaign.yaml. A page becomes a certificate if campaign.yaml asks for one and no
 that was valid for the last shot. Digests tie the page to the journal, the plan and the geometry.
 """
 
+import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime
 
 import numpy as np
@@ -89,6 +90,8 @@ FRAMES: tuple[Column[tuple[str, Frame]], ...] = (
     Column("γ", lambda row: row[1].gamma_deg, "°", 4),
     Column("ψ", lambda row: row[1].psi_deg, "°", 4),
 )
+DRIFT = re.compile(r"the drift pose is ([\d.]+) mm from where it was first")
+"""Words of a visit to the drift pose in the journal."""
 INCIDENTS: tuple[Column[Incident], ...] = (
     words("time", lambda incident: moment(incident.at_utc)),
     words("series", lambda incident: str(incident.series or NOTHING)),
@@ -451,10 +454,36 @@ def incidents_section(evaluation: Evaluation) -> Section:
             if isinstance(incident.record, Event) is is_event
         ]
         if rows:
-            section.table(title, INCIDENTS, rows)
+            section.table(title, INCIDENTS, [*_with_largest_drift(rows)])
         else:
             section.note(f"{title}: none.")
     return section
+
+
+# A run visits its drift pose every few minutes, always with the same words: the largest counts.
+def _with_largest_drift(incidents: Sequence[Incident]) -> Iterator[Incident]:
+    """Yield incidents, of the visits to the drift pose only the largest drift of each series."""
+    visits: dict[int | None, list[Incident]] = {}
+    for incident in incidents:
+        if _drift_mm(incident) is not None:
+            visits.setdefault(incident.series, []).append(incident)
+    largest = {
+        series: max(of, key=lambda visit: _drift_mm(visit) or 0.0) for series, of in visits.items()
+    }
+    for incident in incidents:
+        if _drift_mm(incident) is None:
+            yield incident
+        elif incident is largest[incident.series]:
+            count = len(visits[incident.series])
+            words_of_count = f"largest of {count} drifts: " if count > 1 else ""
+            event = Event("drift check", f"{words_of_count}{incident.text}")
+            yield replace(incident, record=event)
+
+
+def _drift_mm(incident: Incident) -> float | None:
+    """Return by how far a visit found the drift pose moved; None for all other incidents."""
+    drift = DRIFT.search(incident.text) if isinstance(incident.record, Event) else None
+    return None if drift is None else float(drift[1])
 
 
 def provenance_section(evaluation: Evaluation) -> Section:

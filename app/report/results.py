@@ -15,8 +15,7 @@ from campaigns.evidence import Evaluation
 from campaigns.files.table import by_place
 from campaigns.identification.determined import MOST_ASSUMED
 from campaigns.identification.findings import UNSEEN_ROWS, WRONG_ROWS
-from campaigns.identification.result import IdentificationResult, ParameterCovariance
-from campaigns.kinematics.parameters import ParameterTable
+from campaigns.identification.result import IdentificationResult
 
 
 def limits_section(evaluation: Evaluation) -> Section:
@@ -182,19 +181,17 @@ def parameters_section(evaluation: Evaluation) -> Section:
         by_place("", "parameters"),
         tables.undetermined_rows(identification),
     )
-    if (covariance := identification.uncertainty.covariance) is not None:
-        geometry = _of_geometry(covariance, table)
+    if (covariance := identification.determined_covariance) is not None:
         section.table(
-            "Strongest correlations",
-            tables.CORRELATIONS,
-            tables.correlations(identification, geometry),
-            "Without pairs of parameters that both belong to combinations determined by no shot.",
+            "Strongest correlations", tables.CORRELATIONS, tables.correlations(identification)
         )
         section.figure(
             "correlations",
-            "Correlations of the identified parameters",
-            figures.correlation_map(geometry),
-            "The darker, the less these shots separate two parameters.",
+            "Correlations of the identified geometry",
+            figures.correlation_map(covariance),
+            "The darker, the less these shots separate two parameters. Without parameters of "
+            "combinations determined by no shot: how these correlate follows from where the base "
+            "frame is put, not from the shots.",
         )
     return section
 
@@ -247,15 +244,6 @@ def course_section(evaluation: Evaluation) -> Section:
     title = "The campaign, shot by shot"
     section.figure("course-of-shots", title, course.panels(), course.caption())
     return section
-
-
-def _of_geometry(covariance: ParameterCovariance, table: ParameterTable) -> ParameterCovariance:
-    """Return the covariance of the parameters that every robot file has."""
-    # without the many of imperfect parts and drives, whose names would not be legible in the figure
-    places = [place for place, name in enumerate(covariance.names) if name in table.names]
-    names = tuple(covariance.names[place] for place in places)
-    rows = tuple(tuple(covariance.matrix[row][column] for column in places) for row in places)
-    return ParameterCovariance(names, rows)
 
 
 def budget_section(evaluation: Evaluation) -> Section:

@@ -6,14 +6,12 @@ because commands that print tables must start quickly.
 """
 
 import math
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Literal
 
-import numpy as np
-
-from campaigns.arrays import AXES, Array
+from campaigns.arrays import Array
 from campaigns.evaluation.decision import COVERAGE, Requirement
 from campaigns.evaluation.iso_figures import IsoRow
 from campaigns.evaluation.measured_lengths import MeasuredLength
@@ -22,6 +20,7 @@ from campaigns.evaluation.validation import RepeatabilityTest
 from campaigns.evaluation.verdict import NO_CHANGE, Gain
 from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, Row, decimals_by, number, two_digits, words
+from campaigns.files.wording import listed
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.events import Event
 from campaigns.identification.determined import MOST_ASSUMED, ON_PLANE, Determined
@@ -37,9 +36,7 @@ from campaigns.identification.result import (
     Correlation,
     IdentificationResult,
     IdentifiedParameter,
-    ParameterCovariance,
     RecordedIdentification,
-    StoredPosterior,
 )
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.parameters import ParameterTable
@@ -49,13 +46,10 @@ from campaigns.shots.shot_sets import ShotSet
 LEAST_SHARE = 0.01
 """Share of the combined σ below which a row of a budget stands among the others."""
 
-ALONG = 0.999
-"""Share of a shift's length in the undetermined directions from which it is one of them."""
-SHIFTED = {
-    "the base": r"arm\d+\.{axis}_mm",
-    "all places on the plate": r"(arm\d+\.plate(_joint)?|reflector)_{axis}_mm",
-}
-"""Patterns of the parameters that shift together, by what they are places of."""
+ALONE, COMBINATION = "by itself", "combination"
+"""What parameters are that no shot determines, where no motion names them."""
+MOST_IN_MOTION = 4
+"""Number of parameters that are listed of a combination that has words."""
 MOST_CORRELATIONS = 8
 """Number of correlations that are listed."""
 
@@ -461,58 +455,33 @@ def hold_out_in_words(test: HoldOut) -> str:
 
 
 def undetermined_in_words(identification: IdentificationResult) -> Iterator[str]:
-    """Yield which single parameters no shot determines, and how many combinations of several."""
-    undetermined = identification.value.undetermined
-    alone = [names[0] for names in undetermined if len(names) == 1]
-    if alone:
+    """Yield which parameters and motions no shot determines, and how many other combinations."""
+    rows = [*undetermined_rows(identification)]
+    if alone := [names for what, names in rows if what == ALONE]:
         yield f"not observable: {', '.join(alone)}: kept at nominal"
-    together = len(undetermined) - len(alone)
-    if together:
+    motions = [what for what, _ in rows if what not in {ALONE, COMBINATION}]
+    if motions:
+        yield f"not observable: {'; '.join(motions)}: kept at nominal"
+    if together := sum(what == COMBINATION for what, _ in rows):
         word = "combination is" if together == 1 else "combinations are"
         yield (
-            f"{together} parameter {word} not observable, such as motions of the base frame: "
-            "kept at nominal (the report lists them)"
+            f"{together} parameter {word} not observable: kept at nominal (the report lists them)"
         )
 
 
-# Shots measure in the tracker's frame, so motions of the base are among what they cannot determine.
-# A combination of the arms' places along an axis is the base's shift if that shift, the same in mm
-# of each arm, lies in the span of the undetermined directions. So it is with places on the plate,
-# whose shift a controlled point of its own hides.
 def undetermined_rows(identification: IdentificationResult) -> Iterator[tuple[str, str]]:
-    """Yield what each undetermined combination of parameters is, and its parameters."""
-    posterior = identification.uncertainty.posterior
-    shifts = {} if posterior is None else _shifts(posterior)
-    for names in identification.value.undetermined:
-        others = "by itself" if len(names) == 1 else "combination"
-        yield shifts.get(names, others), ", ".join(names)
+    """Yield what each undetermined combination of parameters does, and its parameters."""
+    # A motion is said in words: of the parameters that it moves, a list says no more.
+    value = identification.value
+    for names, motion in zip_longest(value.undetermined, value.motions, fillvalue=""):
+        others = ALONE if len(names) == 1 else COMBINATION
+        yield motion or others, listed([*names], MOST_IN_MOTION if motion else len(names))
 
 
-def _shifts(posterior: StoredPosterior) -> dict[tuple[str, ...], str]:
-    """Return shifts of all places along an axis that are undetermined, by their parameters."""
-    null = np.array(posterior.undetermined).reshape(-1, len(posterior.names))
-    shifts = {}
-    for axis in AXES:
-        for what, stem in SHIFTED.items():
-            pattern = re.compile(stem.format(axis=axis))
-            is_moved = np.array([bool(pattern.fullmatch(name)) for name in posterior.names])
-            shift = is_moved / np.array(posterior.tolerances)
-            if np.linalg.norm(null @ shift) > ALONG * np.linalg.norm(shift) > 0.0:
-                names = zip(posterior.names, is_moved, strict=True)
-                shifted = tuple(sorted(name for name, moved in names if moved))
-                shifts[shifted] = f"shift of {what} along {axis}"
-    return shifts
-
-
-def correlations(
-    identification: IdentificationResult, of: ParameterCovariance
-) -> list[Correlation]:
-    """Return the strongest correlations that are not of the datum alone."""
-    # Parameters of undetermined combinations are held together at nominal by the datum: how two of
-    # them correlate follows from that choice, and says nothing on the shots.
-    in_datum = {name for names in identification.value.undetermined for name in names}
-    pairs = of.strongest(len(of.names) ** 2)
-    return [p for p in pairs if not {p.first, p.second} <= in_datum][:MOST_CORRELATIONS]
+def correlations(identification: IdentificationResult) -> list[Correlation]:
+    """Return the strongest correlations of what the shots determine."""
+    determined = identification.determined_covariance
+    return determined.strongest(MOST_CORRELATIONS) if determined else []
 
 
 def in_words(identification: RecordedIdentification) -> Iterator[str]:

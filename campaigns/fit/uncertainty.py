@@ -16,12 +16,13 @@ with what remains, B, the variances of coordinates are the diagonal of B C B' (`
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Self
 
 import numpy as np
 import scipy
 
-from campaigns.arrays import Array
+from campaigns.arrays import AXES, Array, Index
 from campaigns.fit.effects import Layer, Moved
 from campaigns.fit.error_model import ErrorModel, Observations, frame_columns, moved_frames
 from campaigns.fit.error_sources import TRACKER_SOURCES
@@ -50,20 +51,30 @@ class NullDirections:
     """Names of the parameters of each combination, without those of the tracker alone, and those
     that a mechanism has but never moves by."""
 
+    motions: tuple[str, ...]
+    """What each combination does, in words; empty where no motion takes it back."""
     prior: Array
     """Precision D of the unknowns before the shots, (P, P)."""
 
     @classmethod
     def spanned_by(
-        cls, vectors: Array, names: tuple[str, ...], prior: Array, unnamed: Collection[str] = ()
+        cls,
+        vectors: Array,
+        names: tuple[str, ...],
+        prior: Array,
+        unnamed: Collection[str] = (),
+        motions: Mapping[str, Array] = MappingProxyType({}),
     ) -> Self:
         """Return orthonormal directions (P, k) with the names of the unknowns in each.
 
-        Combinations of `unnamed` ones alone are not named.
+        Combinations of `unnamed` ones alone are not named. `motions` are by words those that take
+        a direction back, with the size of each (k,), mm at a distance of 1 m.
         """
-        combinations = _name_combinations(vectors, names)
-        named = (each for each in combinations if not {*each} <= {*TRACKER_SOURCES, *unnamed})
-        return cls(vectors, tuple(named), prior)
+        silent = {*TRACKER_SOURCES, *unnamed}
+        combinations = _name_combinations(vectors, names, motions)
+        named = [(words, each) for words, each in combinations if not {*each} <= silent]
+        in_words, listed = zip(*named, strict=True) if named else ((), ())
+        return cls(vectors, listed, in_words, prior)
 
     @cached_property
     def projector(self) -> Array:
@@ -103,8 +114,37 @@ def null_directions(fit: Fit) -> NullDirections:
     for source in fit.measured:
         place = fit.model.names.index(source)
         information[place, place] += fit.precision[place, place]
-    prior = fit.precision[:size, :size]
-    return null_directions_of(information, fit.model.names, prior)
+    vectors, prior = _null_vectors(information), fit.precision[:size, :size]
+    unnamed = _without_effect(information, fit.model.names)
+    taken_back = np.linalg.solve(whole[size:, size:], whole[size:, :size] @ vectors)
+    motions = _motions(fit, vectors, taken_back[begin - size :])
+    return NullDirections.spanned_by(vectors, fit.model.names, prior, unnamed, motions)
+
+
+# Why no shot notices a direction: something outside of the robot's geometry takes it back. The
+# tracker's frame takes back motions of the base, the reflector's place shifts of the plate, and the
+# tracker's scale one scale of all lengths. What these do along each direction names it.
+def _motions(fit: Fit, vectors: Array, frames: Array) -> Mapping[str, Array]:
+    """Return by words what takes back each direction (P, k): sizes (k,), mm at 1 m.
+
+    `frames` (6 F, k) are the steps of the frames that do so, mrad and mm in the tracker's axes.
+    """
+    motions: dict[str, Array] = {}
+    if fit.at.frames:
+        # R + exp(ψ×) R is a turn by R'ψ about the base's origin, for the shift comes after it
+        to_base = fit.at.frames[0].rotation.T
+        for kind, place in (("shift of the base along", 3), ("turn of the base about", 0)):
+            of_base = to_base @ frames[place : place + 3]
+            motions |= {f"{kind} {axis}": row for axis, row in zip(AXES, of_base, strict=True)}
+    model = fit.model
+    sizes_mm = vectors * model.tolerance[:, None]
+    for name, group, row in zip(model.names, model.groups, sizes_mm, strict=True):
+        if group == "reflector":
+            axis = name.removesuffix("_mm")[-1]
+            motions[f"shift of the plate along {axis}"] = row
+    if "scale" in model.names:
+        motions["one scale of all lengths"] = 1e3 * sizes_mm[model.names.index("scale")]
+    return motions
 
 
 def _places_of_slots(model: ErrorModel) -> list[slice]:
@@ -135,27 +175,66 @@ def null_directions_of(information: Array, names: tuple[str, ...], prior: Array)
 
     `prior` (P, P) is the precision of the unknowns before the shots.
     """
+    without_effect = _without_effect(information, names)
+    return NullDirections.spanned_by(_null_vectors(information), names, prior, without_effect)
+
+
+def _null_vectors(information: Array) -> Array:
+    """Return the directions (P, k) along which information (P, P) is practically zero."""
     values, vectors = np.linalg.eigh(information)
-    null = vectors[:, values < UNSEEN_TOLERANCES**-2]
-    without_effect = [name for name, row in zip(names, information, strict=True) if not row.any()]
-    return NullDirections.spanned_by(null, names, prior, without_effect)
+    return np.asarray(vectors[:, values < UNSEEN_TOLERANCES**-2])
 
 
-# Eigenvectors mix all combinations. Reduced echelon form: QR with column pivoting picks the k rows
-# of Z (P, k) that are most independent, the pivots; Z times the inverse of these rows has a 1 at
-# one pivot and 0 at the others: one parameter with those that can imitate it.
-def _name_combinations(null: Array, names: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-    """Return the names of the parameters in the simplest combinations that span Z (P, k)."""
-    if not null.shape[1]:
-        return ()
-    pivots = scipy.linalg.qr(null.T, pivoting=True, mode="r")[1][: null.shape[1]]
-    echelon = null @ np.linalg.inv(null[pivots])
-    return tuple(
-        sorted(
-            tuple(sorted(names[place] for place in np.flatnonzero(np.abs(column) > NAMED_SHARE)))
-            for column in echelon.T
+def _without_effect(information: Array, names: tuple[str, ...]) -> list[str]:
+    """Return the names of the unknowns that never move anything, by their information (P, P)."""
+    return [name for name, row in zip(names, information, strict=True) if not row.any()]
+
+
+# Eigenvectors mix all combinations. Reduced echelon form: QR with column pivoting picks the rows of
+# a matrix (R, k) that are most independent, the pivots; multiplied by the inverse of these rows it
+# has a 1 at one pivot and 0 at the others. First it is that of the motions M (m, k), of rank r:
+# each motion alone, or with those that always come with it. The k - r directions of no motion have
+# the form of their unknowns: one parameter with those that can imitate it. Their pivots are taken
+# out of the former, which have fewer parameters then.
+def _name_combinations(
+    null: Array, names: tuple[str, ...], motions: Mapping[str, Array]
+) -> list[tuple[str, tuple[str, ...]]]:
+    """Return words and parameters of the simplest combinations that span Z (P, k)."""
+    count = null.shape[1]
+    if not count:
+        return []
+    moved = np.array([*motions.values()]).reshape(-1, count)
+    sizes, by = np.linalg.svd(moved)[1:]
+    rank = int((sizes > SAME_MOTION * sizes.max(initial=0.0)).sum())
+    still = null @ by[rank:].T
+    pivots = _pivots(still)
+    still = still @ np.linalg.inv(still[pivots])
+    movers = _pivots(moved @ by[:rank].T)
+    turned = by[:rank].T @ np.linalg.inv(moved[movers] @ by[:rank].T)
+    moving, shares = null @ turned, moved @ turned
+    moving = moving - still @ moving[pivots]
+    words = [
+        " together with ".join(
+            word for word, share in zip(motions, column, strict=True) if abs(share) > NAMED_SHARE
         )
-    )
+        for column in shares.T
+    ]
+    moving = moving / np.abs(moving).max(axis=0, initial=0.0)
+    columns = zip([*words, *[""] * still.shape[1]], [*moving.T, *still.T], strict=True)
+    return sorted((word, _named(column, names)) for word, column in columns)
+
+
+def _pivots(rows: Array) -> Index:
+    """Return the k most independent rows of a matrix (R, k) of full rank."""
+    count = rows.shape[1]
+    if not count:
+        return np.zeros(0, dtype=np.int64)
+    return np.asarray(scipy.linalg.qr(rows.T, pivoting=True, mode="r")[1][:count])
+
+
+def _named(column: Array, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the sorted names of the unknowns that have a share in a direction (P,)."""
+    return tuple(sorted(names[place] for place in np.flatnonzero(np.abs(column) > NAMED_SHARE)))
 
 
 # B = (1 - QQ') ∂X/∂x with an orthonormal basis Q of the six motions of the frame.

@@ -358,6 +358,7 @@ class FittedCampaign(StatedValues):
             value=Value(
                 parameters=self.parameters(fit, null, stated) | self.rates(fit),
                 undetermined=null.names,
+                motions=null.motions,
                 sizes={group: float(size) for group, size in fit.sizes.items()},
                 tracker=self.tracker(fit),
                 layers=tuple(

@@ -84,9 +84,11 @@ def draw_space(result: "IdentificationResult") -> Figure:
 
 
 def draw_correlations(result: "IdentificationResult") -> Figure:
-    """Draw |ρ| of every two identified parameters."""
-    if (covariance := result.uncertainty.covariance) is None or not covariance.names:
-        raise ShotsMissing("no parameter was identified", remedy="free one, and identify again")
+    """Draw |ρ| of every two lengths, places and offsets that the shots determine."""
+    if (covariance := result.determined_covariance) is None:
+        raise ShotsMissing(
+            "fewer than two sizes of the robot were determined", remedy="free more of them"
+        )
     figure = Figure(figsize=(6.0, 5.2))
     draw_correlation_map(figure, covariance)
     return figure

@@ -5,7 +5,7 @@ one name; parameters are in mm, deg, ppm. Renaming a field changes the document,
 could no longer be read; moving it to another part does not. Views: `views.py`, and `app/`.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal, cast
 
@@ -18,6 +18,7 @@ from campaigns.evaluation.decision import Decision
 from campaigns.evaluation.region import Region
 from campaigns.evaluation.summary import BeforeAfter, spread
 from campaigns.fit.effects import Layer
+from campaigns.fit.error_sources import SOURCES
 from campaigns.fit.events import Event
 from campaigns.fit.rigid_transforms import Transform, from_paper_angles, paper_angles_rad
 from campaigns.identification import views
@@ -127,6 +128,13 @@ class ParameterCovariance:
     def array(self) -> Array:
         """`matrix` as an array, (F, F)."""
         return np.array(self.matrix).reshape(len(self.names), len(self.names))
+
+    def only(self, names: Collection[str]) -> "ParameterCovariance":
+        """Return the part of some parameters."""
+        places = [place for place, name in enumerate(self.names) if name in names]
+        matrix = tuple(tuple(self.matrix[row][column] for column in places) for row in places)
+        chosen = tuple(self.names[place] for place in places)
+        return ParameterCovariance(chosen, matrix, self.hold_out_ratio)
 
     def strongest(self, count: int, least: float = 0.0) -> list["Correlation"]:
         """Return the `count` largest correlations, none below `least`."""
@@ -320,6 +328,9 @@ class Value:
     """All parameters of the robot by name, rates of found ripples among them."""
     undetermined: tuple[tuple[str, ...], ...] = ()
     """Combinations of parameters that no shot determines; they stay at nominal."""
+    motions: tuple[str, ...] = ()
+    """What each of them does, such as "turn of the base about z"; empty where no motion does it,
+    () by an older version."""
     sizes: dict[str, float] = field(default_factory=dict)
     """Size of each group of error sources, in its tolerance."""
     tracker: dict[str, tuple[float, float]] = field(default_factory=dict)
@@ -498,6 +509,25 @@ class IdentificationResult:
         errors, free = self.residuals.unseen_mm, self.value.free
         unseen = f", hold-out {errors.after.rms:.4f} mm rms" if errors else ""
         return f"<IdentificationResult: {self.judgement.verdict}, {len(free)} parameters{unseen}>"
+
+    # Parameters of undetermined combinations are held together at nominal by the datum: how they
+    # correlate follows from that choice. A parameter of no such combination has no part of Z, so
+    # that the projection to the datum leaves it and its covariance with others of its kind as they
+    # are. The many of imperfect parts and drives are left out, for no figure has room for them.
+    @property
+    def determined_covariance(self) -> ParameterCovariance | None:
+        """Covariance of the geometry that shots determine whatever the datum; None without any."""
+        covariance, value = self.uncertainty.covariance, self.value
+        if covariance is None:
+            return None
+        in_datum = {name for names in value.undetermined for name in names}
+        small = {group for group, source in SOURCES.items() if source.is_learned}
+        names = [
+            name
+            for name in covariance.names
+            if name not in in_datum and value.parameters[name].group not in small
+        ]
+        return covariance.only(names) if len(names) > 1 else None
 
     def document(self) -> dict[str, JsonValue]:
         """Return the document `pkmcal/identification/2`: the fields of all parts side by side."""

@@ -136,6 +136,7 @@ class _Observed(StatedValues):
             value=Value(
                 parameters=self.parameters(fit, null, stated),
                 undetermined=null.names,
+                motions=null.motions,
                 sizes={group: float(size) for group, size in fit.sizes.items()},
                 tracker=self.tracker(fit) if fit.at.frames else {},
                 frame=Frame.of(fit.at.frames[0]) if fit.at.frames else None,

@@ -23,7 +23,7 @@ from app.report.results import (
     parameters_section,
 )
 from app.report.section import Section
-from app.report.tables import correlations, parameters, undetermined_rows
+from app.report.tables import correlations, parameters, undetermined_in_words, undetermined_rows
 from campaigns.campaign import open_campaign
 from campaigns.errors import OutputExists
 from campaigns.evidence import Evaluation, Incident, MeasuredSeries, evaluate, gather
@@ -36,7 +36,6 @@ from campaigns.identification.result import (
     Pedigree,
     Scatter,
     SessionFrame,
-    StoredPosterior,
 )
 from campaigns.journal.records import Event, Intent, PairVoided, Rejected
 from campaigns.kinematics.catalog import PAR4
@@ -299,46 +298,29 @@ def test_everything_that_an_identification_says_stands_on_the_page(evaluation: E
         assert sentence in text
 
 
-def test_shifts_of_the_base_are_named_and_the_datum_has_no_correlations(
+def test_motions_of_the_base_are_named_and_the_datum_has_no_correlations(
     evaluation: Evaluation,
 ) -> None:
     arms = ("arm0.x_mm", "arm1.x_mm"), ("arm0.y_mm", "arm1.y_mm")
-    names, half = (*arms[0], *arms[1], "arm0.arm_mm"), np.sqrt(0.5)
-    # in tolerances of 1 and 2 mm a shift of 1 mm of both arms along x is (1, 0.5), that along y is
-    # not undetermined: another combination of the same parameters is
-    along_x = np.array([1.0, 0.5, 0.0, 0.0, 0.0]) / np.hypot(1.0, 0.5)
-    posterior = StoredPosterior(
-        names=names,
-        tolerances=(1.0, 2.0, 1.0, 1.0, 1.0),
-        mean=(0.0,) * 5,
-        covariance=(),
-        sizes={},
-        factors={},
-        undetermined=(tuple(along_x.tolist()), (0.0, 0.0, half, -half, 0.0)),
-    )
-    matrix = np.full((5, 5), 0.9) + 0.1 * np.eye(5)
+    names = (*arms[0], *arms[1], "arm0.arm_mm", "arm0.forearm_mm", "arm0.axis_tilt_deg")
+    matrix = np.full((7, 7), 0.9) + 0.1 * np.eye(7)
     covariance = ParameterCovariance(names, tuple(map(tuple, matrix.tolist())))
-    shown = identified(evaluation, undetermined=arms, posterior=posterior, covariance=covariance)
+    motions = "shift of the base along x", ""
+    shown = identified(evaluation, undetermined=arms, motions=motions, covariance=covariance)
     result = shown.evidence.identification
     assert [*undetermined_rows(result)] == [
         ("shift of the base along x", "arm0.x_mm, arm1.x_mm"),
         ("combination", "arm0.y_mm, arm1.y_mm"),
     ]
-    on_plate = "arm0.plate_joint_z_mm", "arm1.plate_joint_z_mm", "reflector_z_mm"
-    moved = replace(
-        posterior,
-        names=(*on_plate, "arm0.z_mm"),
-        tolerances=(1.0,) * 4,
-        undetermined=((*(3**-0.5,) * 3, 0.0),),
-    )
-    of_plate = identified(evaluation, undetermined=(on_plate,), posterior=moved).evidence
-    assert [*undetermined_rows(of_plate.identification)] == [
-        ("shift of all places on the plate along z", ", ".join(on_plate))
-    ]
     assert "shift of the base along x" in words_in(parameters_section(shown))
-    pairs = [{pair.first, pair.second} for pair in correlations(result, covariance)]
-    assert pairs
-    assert all("arm0.arm_mm" in pair for pair in pairs)
+    assert [*undetermined_in_words(result)] == [
+        "not observable: shift of the base along x: kept at nominal",
+        "1 parameter combination is not observable: kept at nominal (the report lists them)",
+    ]
+    pairs = [{pair.first, pair.second} for pair in correlations(result)]
+    assert pairs == [{"arm0.arm_mm", "arm0.forearm_mm"}], "neither the datum nor small parts"
+    older = identified(evaluation, undetermined=arms, motions=()).evidence.identification
+    assert [what for what, _ in undetermined_rows(older)] == ["combination"] * 2
 
 
 def test_a_warning_of_the_series_stands_beside_the_verdict(evaluation: Evaluation) -> None:
@@ -357,7 +339,8 @@ def test_a_warning_of_the_series_stands_beside_the_verdict(evaluation: Evaluatio
     assert "Warning: it &lt;b&gt;moves&lt;/b&gt;." in verdict
     assert "Warning: it has changed." in verdict
     assert with_events(moves, settled).evidence.warnings == ()
-    assert with_events(moves, of=series + 1).evidence.warnings == ()
+    assert with_events(moves, of=evidence.after[-1].series.number).evidence.warnings
+    assert with_events(moves, of=99).evidence.warnings == ()
 
 
 def test_each_session_s_frame_stands_with_its_shots(evaluation: Evaluation) -> None:
@@ -479,3 +462,20 @@ def test_an_older_report_is_replaced_and_no_other_file(tmp_path: Path) -> None:
     with pytest.raises(OutputExists):
         report(paper.campaign, other)
     assert other.read_text() == "<html>years of work</html>"
+
+
+def test_visits_of_the_drift_pose_have_one_row_of_each_series(evaluation: Evaluation) -> None:
+    evidence = evaluation.evidence
+    words = "the drift pose is {} mm from where it was first, limit 1 mm"
+    drifts = [
+        Event("drift check", f"shot {n}: {words.format(d)}") for n, d in ((3, 0.012), (9, 0.058))
+    ]
+    nest = Event("drift check", "shot 4: nest A is 0.010 mm from where it was first, limit 1 mm")
+    incidents = [Incident(MADE_UTC, 1, event) for event in (drifts[0], nest, drifts[1], nest)]
+    incidents.append(Incident(MADE_UTC, 2, drifts[0]))
+    journal = replace(evidence.journal, incidents=tuple(incidents))
+    text = words_in(incidents_section(Evaluation(replace(evidence, journal=journal))))
+    assert f"largest of 2 drifts: shot 9: {words.format(0.058)}" in text
+    assert text.count("nest A") == 2
+    assert text.count("the drift pose") == 2, "one row of each series"
+    assert f"2 drift check shot 3: {words.format(0.012)}" in text, "a single visit has no count"

@@ -50,6 +50,23 @@ def test_a_combination_that_moves_no_point_is_named_and_holds_nothing_of_the_cov
     assert null.transform(np.array([3.0, 1.0, 5.0, 6.0, 7.0])) == pytest.approx([1, -1, 5, 6, 7])
 
 
+def test_a_combination_is_named_by_the_motion_that_takes_it_back():
+    # of two directions (1, 1, 0) is a shift, and (0, 1, 1) is hidden by the mechanism: a mixture
+    # of them shows neither, and a motion that takes nothing back has no direction
+    shift, hidden = np.array([1.0, 1, 0, 0, 0]), np.array([0, 1.0, 1, 0, 0])
+    vectors = np.linalg.qr(np.array([shift, hidden]).T)[0]
+    turned = vectors @ np.linalg.qr(np.random.default_rng(3).normal(size=(2, 2)))[0]
+    back = turned.T @ np.array([2.0, 0, 0, 0, 0])  # of the hidden one nothing
+    motions = {"turn": 0.0 * back, "shift": back}
+    null = uncertainty.NullDirections.spanned_by(turned, NAMES, np.eye(5), (), motions)
+    assert null.motions == ("", "shift")
+    assert {*null.names[0]} == {NAMES[1], NAMES[2]}
+    assert {*null.names[1]} in ({NAMES[0], NAMES[1]}, {NAMES[0], NAMES[2]})
+    both = {"turn": 3.0 * back, "shift": back}
+    null = uncertainty.NullDirections.spanned_by(turned, NAMES, np.eye(5), (), both)
+    assert null.motions == ("", "turn together with shift")
+
+
 def test_two_combinations_are_named_by_the_fewest_parameters_and_the_trackers_are_left_out():
     vectors = np.linalg.qr(np.array([[1.0, 1, 0, 0, 0], [0, 0, 0, 1, -1], [0, 0, 1, 0, 0]]).T)[0]
     turned = vectors @ np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]

@@ -14,7 +14,7 @@ STORED = Path(__file__).parents[2] / "data" / "identification-2.json"
 """Body of a journal's finding, from when a result was one flat value: wrong shots, a change, two
 sessions, ripples and a layer."""
 
-LATER: dict[str, object] = {"determined": [], "observations": 0}
+LATER: dict[str, object] = {"determined": [], "motions": [], "observations": 0}
 """Keys that came later, with what a document without them stands for."""
 
 
