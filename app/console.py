@@ -60,6 +60,10 @@ def is_yes(typed: str) -> bool:
     return typed.strip().lower() in {"y", "yes"}
 
 
+FULL_HEIGHT = 24
+"""Lines of a screen from which results have a table below their verdict."""
+
+
 class Terminal:
     """Terminal of a command; with `as_json` stdout is for the document, stderr for people."""
 
@@ -77,6 +81,11 @@ class Terminal:
     @cached_property
     def _answers(self) -> Console:
         return self._talk if self._as_json else Console(highlight=False, emoji=False)
+
+    @property
+    def is_small(self) -> bool:
+        """Whether the screen has so few lines that the verdict alone fits, without tables."""
+        return self._answers.is_terminal and self._answers.height < FULL_HEIGHT
 
     def say(self, text: str, style: str = "") -> None:
         """Print a line of the answer, on stdout; on stderr if the answer is a JSON document."""

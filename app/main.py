@@ -23,7 +23,7 @@ from importlib import import_module
 from itertools import takewhile
 from pathlib import Path
 from shutil import get_terminal_size
-from textwrap import fill, wrap
+from textwrap import fill, shorten, wrap
 from typing import Annotated, Any
 
 import typer
@@ -88,6 +88,8 @@ COMMANDS = {
 """Module in `app.cli`, imported when it is named, and first line of its help, by name."""
 FIRST_COMMANDS = 12
 """Of `COMMANDS`; the others are listed after them."""
+FULL_HEIGHT = 24
+"""Lines of a terminal from which the overview has its headings, and texts of more than a line."""
 
 PAGE = re.compile(r"docs/[a-z]+(?:-[a-z]+)*/([a-z-]+)\.md(#[a-z0-9-]+)?")
 """Page that an error names by its place in the docs; the command shows it wherever it is."""
@@ -316,7 +318,12 @@ def run_command(arguments: list[str]) -> int:
 def overview() -> str:
     """Return the twelve usual commands, and where the others are: it fits on a small terminal."""
     usual = [*COMMANDS.items()][:FIRST_COMMANDS]
-    width, margin = get_terminal_size().columns, " " * 12
+    (width, height), margin = get_terminal_size(), " " * 12
+    if height < FULL_HEIGHT:  # a line for each command, and the shell's own prompt below
+        lines = (
+            f"  {name:<10}{shorten(s, width - 12, placeholder=' …')}" for name, (_, s) in usual
+        )
+        return "\n".join([HELP.splitlines()[0], *lines, MORE_HELP.splitlines()[0]])
     rows = (
         fill(f"  {name:<10}{summary}", width, subsequent_indent=margin)
         for name, (_, summary) in usual

@@ -22,7 +22,7 @@ from app.new_campaign import (
 from app.next import tell_next
 from app.options import Seed
 from app.rehearsal import STAGES, heading, rehearse
-from app.report.terminal_text import limits_met, say_gain
+from app.report.terminal_text import limits_met, say_gain, show_warnings
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.evaluation.verdict import JUDGED_FIGURE
@@ -100,6 +100,7 @@ def _show_verdict(
         terminal.say(f"  {limits_met(verdict.requirements)}")
     for reason in reasons_against:
         terminal.say(f"  not good: {reason}", BAD)
+    show_warnings(terminal, evaluation.evidence.warnings)
     if reasons_against:
         return
     say_gain(terminal, evaluation)

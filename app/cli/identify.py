@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from app.console import WARNING, Terminal
+from app.console import Terminal
 from app.next import tell_next
 from app.report.terminal_text import show_identification
 from campaigns.campaign import Campaign
@@ -44,8 +44,9 @@ def command(
     terminal.detail(f"model {result.provenance.model}, {result.provenance.seconds:.2f} s")
     evaluation = evaluate(campaign)
     # a limit of the tracker that was changed after the measurement has no effect: say why
-    for check in checks_of_instrument(evaluation.evidence):
-        terminal.say(f"! {check.denied}: {check.detail}", WARNING)
-    show_identification(terminal, result, campaign.robot.mechanism.parameters)
+    evidence = evaluation.evidence
+    of_instrument = [f"{check.denied}: {check.detail}" for check in checks_of_instrument(evidence)]
+    warnings = *of_instrument, *evidence.warnings
+    show_identification(terminal, result, campaign.robot.mechanism.parameters, warnings)
     following = tell_next(terminal, campaign, evaluation=evaluation)
     terminal.conclude(result.document(), following, is_good=result.judgement.verdict == "pass")

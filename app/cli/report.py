@@ -14,7 +14,7 @@ import typer
 from app.console import BAD, DECISIONS, WARNING, Terminal
 from app.next import tell_next, tell_who_works
 from app.options import Excel, for_spreadsheets
-from app.report.terminal_text import limits_met
+from app.report.terminal_text import limits_met, say_gain, show_warnings
 from app.report.values import COLUMNS, reported_values, values_csv
 from campaigns.campaign import Campaign, now_utc
 from campaigns.errors import OptionsInvalid, OutputExists, WriteFailed
@@ -112,8 +112,12 @@ def _show(terminal: Terminal, page: "Page", path: Path, former: "FormerReport | 
     terminal.say(f"verdict: {verdict.decision}", DECISIONS[verdict.decision])
     if verdict.decision == "pass":
         terminal.say(f"  {limits_met(verdict.requirements)}")
-    for reason in verdict.reasons:
-        terminal.say(f"  {reason}")
+    # the reasons of a pass are on the page's first screen: they repeat what has passed
+    if verdict.decision != "pass" or terminal.is_verbose:
+        for reason in verdict.reasons:
+            terminal.say(f"  {reason}")
+    show_warnings(terminal, page.evaluation.evidence.warnings)
+    say_gain(terminal, page.evaluation)
     if former is not None:
         terminal.say(f"! {former.says}", BAD)
     journal = page.evaluation.evidence.journal

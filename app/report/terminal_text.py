@@ -5,7 +5,7 @@ on a small screen. `--verbose` adds every table, the report has them on its page
 the same figures by stable names.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from app.console import DECISIONS, WARNING, Terminal
 from app.next import tell_next
@@ -33,18 +33,27 @@ ERRORS: tuple[Column[tuple[str, BeforeAfter]], ...] = (
 )
 SHARES_SHOWN = 5
 """Number of rows of the budget that are shown without --verbose: they are nearly all of it."""
+SHARES_SHOWN_SMALL = 2
+"""Number of rows of the budget that a small screen has room for."""
 LEFT_OUT_SHOWN = 5
 """Number of shots left out that have a line each without --verbose."""
 
 
 def show_identification(
-    terminal: Terminal, identification: RecordedIdentification, table: ParameterTable
+    terminal: Terminal,
+    identification: RecordedIdentification,
+    table: ParameterTable,
+    warnings: Iterable[str] = (),
 ) -> None:
-    """Show the verdict with its reasons, the largest shares of σ, and what was left out."""
+    """Show the verdict with its reasons and warnings, the largest shares of σ, what was left out.
+
+    `warnings` are those of the series itself, and of the tracker's limits.
+    """
     judgement = identification.judgement
     terminal.say(f"verdict: {judgement.verdict}", DECISIONS[judgement.verdict])
     for reason in judgement.reasons:
         terminal.say(f"  {reason}")
+    show_warnings(terminal, warnings)
     if terminal.is_verbose:
         _show_tables(terminal, identification, table)
     else:
@@ -56,6 +65,12 @@ def show_identification(
             terminal.say(f"{finding.says}{' (accepted)' if finding.accepted else ''}", WARNING)
 
 
+def show_warnings(terminal: Terminal, warnings: Iterable[str]) -> None:
+    """Show warnings that do not change a verdict, each in a line below it."""
+    for text in warnings:
+        terminal.say(f"  warning: {text}", WARNING)
+
+
 def _show_largest_shares(terminal: Terminal, identification: RecordedIdentification) -> None:
     """Show σ of positions and where most of it comes from; of observations what they determine."""
     determined = tables.determined_rows(identification)
@@ -64,9 +79,10 @@ def _show_largest_shares(terminal: Terminal, identification: RecordedIdentificat
     *rows, (_, _, combined) = tables.budget_rows(identification)
     if determined or not rows:
         return
-    sizes = "the largest shares" if len(rows) > SHARES_SHOWN else "its shares"
+    shown = SHARES_SHOWN_SMALL if terminal.is_small else SHARES_SHOWN
+    sizes = "the largest shares" if len(rows) > shown else "its shares"
     terminal.say(f"positions: σ {two_digits(combined)} mm rms over the workspace; {sizes}:")
-    for words_of_source, _, mm in rows[:SHARES_SHOWN]:
+    for words_of_source, _, mm in rows[:shown]:
         terminal.say(f"  {two_digits(mm):<7} {words_of_source}")
 
 
@@ -229,6 +245,7 @@ def _show_judged(terminal: Terminal, validated: Validated) -> None:
         terminal.say(f"the campaign as a whole: {whole.decision}", DECISIONS[whole.decision])
         for reason in whole.reasons:
             terminal.say(f"  {reason}")
+    show_warnings(terminal, validated.evaluation.evidence.warnings)
     _show_figures(terminal, validated)
     if validated.evaluation.before is None:
         return
@@ -240,6 +257,11 @@ def _show_judged(terminal: Terminal, validated: Validated) -> None:
 
 def _show_figures(terminal: Terminal, validated: Validated) -> None:
     """Show every figure with its uncertainty, and what the robot was measured with."""
+    # a small screen has room for the verdict, its reasons and the gain: the table would push the
+    # verdict out of sight
+    if terminal.is_small and not terminal.is_verbose:
+        terminal.say("every figure with its U: report, or --verbose")
+        return
     stage, result, verdict = validated.stage, validated.stage_result, validated.verdict
     columns = tables.limits("")
     rows = texts(columns, verdict.requirements)

@@ -184,6 +184,7 @@ class Screen:
     """A terminal that keeps its lines."""
 
     is_verbose = False
+    is_small = False
 
     def __init__(self) -> None:
         self.lines: list[str] = []
