@@ -15,12 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pkmcal import find_robot, identify, plan, read_shots, sample_workspace
+from pkmcal import find_robot, identify, plan, read_shots, sample_workspace, study
 
 SHOTS = Path(__file__).parents[1] / "tests" / "data" / "vectors" / "table1-tracker-noise.csv"
 TRACKER_MM = (2500.0, 0.0, -500.0)
 REPEATS = 5
 POSES = 200_000
+STUDIED = 10
 
 
 def processor_s(work: Callable[[], object]) -> float:
@@ -55,6 +56,9 @@ def time_work() -> None:
     shots = read_shots(SHOTS, robot)
     solving_s = processor_s(lambda: identify(shots, robot))
     print(f"identify, 120 shots   {1e3 * solving_s:10.1f} ms")
+    planned = plan(robot, TRACKER_MM)
+    studying_s = processor_s(lambda: study(robot, planned.shots, TRACKER_MM, campaigns=STUDIED))
+    print(f"study, 120 shots      {STUDIED / studying_s:10.1f} campaigns/s")
     planning_s = processor_s(lambda: plan(robot, TRACKER_MM, placement="optimal"))
     print(f"optimal plan, 120     {planning_s:10.1f} s")
     poses = np.resize(sample_workspace(robot, 2000, seed=1), (POSES, 4))

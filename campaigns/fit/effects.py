@@ -479,5 +479,6 @@ def place_coordinates(poses: Array, turn_mm: float) -> Array:
 
 def _matern(a: Array, b: Array, length: float) -> Array:
     """Return the Matérn kernel of order 3/2 between rows (N, c) and (M, c)."""
-    distance = np.linalg.norm(a[:, None] - b[None], axis=2) * (3.0**0.5 / length)
+    squares = sum((x[:, None] - y) ** 2 for x, y in zip(a.T, b.T, strict=True))
+    distance = np.sqrt(squares) * (3.0**0.5 / length)
     return np.asarray((1.0 + distance) * np.exp(-distance))
