@@ -406,7 +406,7 @@ def _check_arms(
         moved = next(each_reading(on_half, seen, meant, shots.points_in_tracker_mm, "mm"))
         plausible = robot.plausible_misfit(moved.joints)
         moved_off_mm = math.dist(moved.tracker_mm, place_mm)
-        if moved.cost <= plausible and moved_off_mm <= off_mm / COVERAGE:
+        if moved.cost <= plausible and moved_off_mm < ROUGH_PLACE_MM:
             x, y, z = found_mm.tolist()
             raise ShotsInvalid(
                 f"{where}: the tracker is found at ({x:.0f}, {y:.0f}, {z:.0f}) mm, "
