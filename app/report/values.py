@@ -114,6 +114,7 @@ def _stages(evaluation: Evaluation) -> Iterator[ReportedValue]:
                     std=length.standard_uncertainty_mm,
                     expanded_uncertainty=length.expanded_uncertainty_mm,
                 )
+    # U of a difference is its own: errors of the instrument common to both stages cancel in it.
     for gain in evaluation.gains:
         if gain.before is not None and gain.after is not None:
             yield ReportedValue(
@@ -141,6 +142,7 @@ def _errors(evaluation: Evaluation) -> Iterator[ReportedValue]:
 
 def _budget(identification: IdentificationResult) -> Iterator[ReportedValue]:
     """Yield 1 σ of positions by each source, and of all together."""
+    # Shares add up in squares: the last row is their root, as the page's table ends.
     shares = identification.uncertainty.budget
     for share in shares:
         yield ReportedValue(
@@ -155,6 +157,7 @@ def _parameters(
     identification: IdentificationResult, table: ParameterTable
 ) -> Iterator[ReportedValue]:
     """Yield the parameters in their files' units; those that were held have no σ."""
+    # U by k = 2 as on the page; a parameter that was held has neither σ nor U, and empty cells.
     for name, parameter in identification.value.parameters.items():
         std = parameter.std
         yield ReportedValue(

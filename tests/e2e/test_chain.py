@@ -21,6 +21,7 @@ IDENTIFICATION_KEYS = {
         "layers",
         "excluded",
         "covariance",
+        "motions",
         "correlations",
         "position_std_mm",
         "budget",

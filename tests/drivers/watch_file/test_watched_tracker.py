@@ -147,7 +147,7 @@ def test_unit_and_columns_are_those_of_the_settings(tmp_path):
 @pytest.mark.parametrize(
     ("row", "error", "said"),
     [
-        ("Main p2 2000,5 10,25 -300,1", ShotsInvalid, "give tracker.watch.decimal comma"),
+        ("Main p2 2,500 10,250 -300,125", ShotsInvalid, "give tracker.watch.decimal comma"),
         ("Main p2 2e6 0.0 0.0", ImplausibleAnswer, "possible is 0 to 200000 mm"),
     ],
 )
