@@ -33,8 +33,6 @@ from typer.exceptions import Abort, TyperException
 from app.exits import Exit, exit_code
 from app.interrupt import interrupted_by_signals, unblock_signals
 from app.streams import make_streams_last, print_document
-from campaigns.errors import OptionsInvalid
-from campaigns.removed import removed_in_command
 from campaigns.version import VERSION, commit
 from drivers.errors import ExplainedError, LinkDown, MotionFault, RobotStateUnknown
 from drivers.texts import printable, quoted, shortened
@@ -333,11 +331,6 @@ def overview() -> str:
 
 def _explain_error(error: Exception, arguments: list[str]) -> tuple[str, Exit]:
     """Return the line of an error, problem → remedy, and its exit code."""
-    # An option of an older version is unknown or refused here: its own remedy comes first.
-    is_usage = isinstance(error, TyperException | OptionsInvalid)
-    if is_usage and (removed := removed_in_command(arguments)):
-        name, remedy = removed
-        return f"'{name}' was removed → {remedy}", Exit.BAD_INPUT
     if isinstance(error, TyperException):
         return _usage_line(error), Exit.BAD_INPUT
     if isinstance(error, ExplainedError):

@@ -25,13 +25,6 @@ SCHEMA = "pkmcal/cell/1"
 VALUE_LENGTH_SHOWN = 40
 SUFFIX = ".yaml"
 FOLDED_AT_COLUMN = 80
-_TWO_FACES = "leave it out: the tracker's own two-face routine does it before the campaign"
-REMOVED = {
-    "controller.joints_from": "leave it out: beside a real controller a cell follows its joints",
-    "tracker.faces": _TWO_FACES,
-    "tracker.two_face_arcsec": _TWO_FACES,
-}
-"""Keys of earlier versions, each with its remedy."""
 
 
 def shipped_scenarios() -> tuple[str, ...]:
@@ -92,8 +85,7 @@ def _reason(detail: ErrorDetails) -> tuple[str, str]:
     """Return what is wrong by one of pydantic's findings, and its remedy."""
     if detail["type"] == "extra_forbidden":
         *parents, unknown = detail["loc"]
-        instead = REMOVED.get(".".join(map(str, detail["loc"])))
-        return "is not a known key", instead or nearest(str(unknown), _keys_at(parents))
+        return "is not a known key", nearest(str(unknown), _keys_at(parents))
     if detail["type"] == "missing":
         return "is missing", "add it"
     if detail["type"] == "value_error":

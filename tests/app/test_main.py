@@ -96,7 +96,6 @@ def test_folder_that_hides_our_packages_is_named(tmp_path, words, code):
         (["plan"], ["holds no campaign.yaml", "`pkmcal new DIR`"]),
         (["plan", "x", "--shot", "5"], ["--shot", "`pkmcal plan --help`"]),
         (["plan", "x", "--shots", "7"], ["7", "even"]),
-        (["plan", "x", "--criterion", "D"], ["'plan --criterion' was removed"]),
         (["validate", "x"], ["--stage"]),
         (["load", "x", "--rollback", "--robot", "y"], ["--rollback and --robot contradict"]),
         (["new", "x", "--controller", "tcp://h:1", "--tracker", "tcp://h:2", "--scenario", "s"],

@@ -120,11 +120,6 @@ def test_an_unknown_scenario_names_the_nearest():
     [
         ("coordinate_mm", "coordinat_mm", ("tracker.noise.coordinat_mm", "mean coordinate_mm?")),
         ("name: mine", "name: mine\nsed: 3", ("sed is not a known key", "did you mean seed?")),
-        (
-            "name: mine",
-            "name: mine\ncontroller: {joints_from: 'hal:'}",
-            ("joints_from is not a known key", "follows"),
-        ),
         ("z_mm: -200.0", "z_mm: text", ("tracker.station.z_mm", "valid number")),
         ("z_mm: -200.0", "z_mm: .nan", ("tracker.station.z_mm",)),
         ("name: mine", "name: mine\nacceptance: {rotation_mm: -1.0}", ("rotation_mm",)),
