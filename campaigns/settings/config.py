@@ -45,8 +45,7 @@ USUAL = (
     *("objects", "plan.shots", "plan.validation_pairs", "plan.placement"),
     *("acceptance.distance_mean_mm", "acceptance.distance_max_mm", "acceptance.rotation_mm"),
     *("acceptance.straightness_mm", "people.operator", "people.site"),
-    *("instruments.tracker", "certificate.number", "certificate.customer"),
-    "certificate.authorised_by",
+    "instruments.tracker",
 )
 """Keys that people change, which a new file shows; the others stand on the page of keys."""
 FURTHER_KEYS = (

@@ -118,13 +118,10 @@ def test_what_a_certificate_lacks_is_named_and_no_traceability_stated(certified)
 
 def test_settings_of_the_former_certificate_open_where_they_are_empty(tmp_path) -> None:
     path = new_campaign(tmp_path / "c").folder / "campaign.yaml"
-    head = "certificate:\n"
     text = path.read_text(encoding="utf-8")
-    assert head in text
-    empty = f'{head}  measured_by: ""\n'
-    path.write_text(text.replace(head, empty), encoding="utf-8")
+    path.write_text(f'{text}certificate:\n  measured_by: ""\n', encoding="utf-8")
     open_campaign(path.parent)
-    path.write_text(text.replace(head, f'{head}  measured_by: "A. Bee"\n'), encoding="utf-8")
+    path.write_text(f'{text}certificate:\n  measured_by: "A. Bee"\n', encoding="utf-8")
     with pytest.raises(ConfigInvalid, match=r"measured_by.*people\.operator"):
         open_campaign(path.parent)
 
