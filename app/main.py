@@ -7,7 +7,7 @@
 # 2. Typer asks `LazyGroup` for the command that was typed, and only its module in `app/cli` is
 #    imported. Help and completion take names and summaries from `COMMANDS`: they import nothing.
 # 3. `options.as_typer_command` translates the command's parameters for Typer: a terminal, a
-#    campaign and dataclasses of options become --json, DIR and single options.
+#    campaign and dataclasses of options become --json, --verbose, DIR and single options.
 # 4. The command returns (exit code 0), or `Terminal.conclude` ends it with code 1, or it raises.
 # 5. `run_command` is the one place where whatever was raised becomes a line on stderr, a document
 #    on stdout with --json, and an exit code. So all failures look alike, and none is a traceback.
@@ -132,7 +132,7 @@ SECTIONS = {
     "Devices": "controller tracker offline controller-driver tracker-driver",
     "Points of other software": "joints join columns coordinates decimal encoding",
     "Safety": "yes dry force retry verify",
-    "Output": "plot to pdf csv excel plain json help",
+    "Output": "plot to pdf csv excel plain verbose json help",
 }
 """Headings under which help lists options, by their names; all others stand under Options."""
 
@@ -257,7 +257,8 @@ def main_options(
     verbose: Annotated[
         bool,
         typer.Option(
-            "--verbose", help="Also show the devices' identities and each state of each shot."
+            "--verbose",
+            help="Also show all tables, the devices' identities and each state of a shot.",
         ),
     ] = False,
     debug: Annotated[  # noqa: ARG001 - `run_command` looks for it itself

@@ -47,6 +47,12 @@ Json = Annotated[
         help='One JSON document on stdout, messages on stderr; {"error": …} when it fails.',
     ),
 ]
+Verbose = Annotated[
+    bool,
+    typer.Option(
+        "--verbose", help="Also show all tables, the devices' identities and each state of a shot."
+    ),
+]
 Yes = Annotated[
     bool, typer.Option("--yes", "-y", help="Do not ask whether the cell is clear: it is.")
 ]
@@ -175,8 +181,8 @@ def completer(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
 def as_typer_command(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command with the parameters that Typer reads.
 
-    A `Terminal` becomes the context and --json, a `Campaign` the folder, and a dataclass of options
-    an option for each of its fields that is annotated with an `Option`.
+    A `Terminal` becomes the context, --verbose and --json, a `Campaign` the folder, and a dataclass
+    of options an option for each of its fields that is annotated with an `Option`.
 
     Any: Typer checks what an option holds when it is typed.
     """
@@ -202,6 +208,7 @@ def as_typer_command(command: Callable[..., None]) -> Callable[..., None]:
         else:
             parameters.append(_parameter(name, hints[name], parameter.default))
     if Terminal in hints.values():
+        parameters.append(_parameter("verbose", Verbose, default=False))
         parameters.append(_parameter("as_json", Json, default=False))
 
     # 2. the call: make terminal, options and campaign of what was typed. Options come before the
@@ -211,7 +218,8 @@ def as_typer_command(command: Callable[..., None]) -> Callable[..., None]:
             context = arguments.pop("context")
             arguments["terminal"] = Terminal(
                 as_json=arguments.pop("as_json"),
-                verbose=context.obj is True,  # --verbose stands before the command
+                # before the command or behind it
+                verbose=arguments.pop("verbose") or context.obj is True,
                 command=context.info_name or "",
             )
         for name, options in objects.items():

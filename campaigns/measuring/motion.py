@@ -25,7 +25,7 @@ from campaigns.robots.robot import pose_row
 from campaigns.settings.sections import SettleConfig
 from drivers.errors import EmergencyStop, MotionFault
 from drivers.ports import Clock, RobotController
-from drivers.values import RobotState
+from drivers.values import Pose, RobotState
 
 POLL_S = 0.02
 """How often a robot is looked at while it settles."""
@@ -84,11 +84,15 @@ class Mover:
         """Moves between the stops of a series, in its order."""
         self._ways: dict[tuple[Joints, Joints], list[Joints] | None] = {}
         """Safe ways of moves of the series, as far as they were needed; None where none is."""
+        self._plays: dict[Pose, Joints] = {}
+        """How far from their joints a controller may take the poses of the series, rad or mm."""
 
     def foresee(self, steps: Sequence[Step]) -> None:
         """Take the steps of a series, between whose stops ways will be needed in this order."""
         stops = [joints for step in steps for joints in (*step.approach, step.planned.joints)]
         self._moves, self._ways = tuple(pairwise(stops)), {}
+        posed = [step.planned.pose for step in steps if step.command != "joints"]
+        self._plays = dict(zip(posed, self._plays_of(posed), strict=True)) if posed else {}
 
     def go(self, step: Step, entering: Callable[[EngineState], None]) -> Arrival:
         """Take the step's way and settle at its end; `entering` gets each new state.
@@ -356,10 +360,15 @@ class Mover:
         # A way round, or a way that is taken up again, may arrive from another side than the plan.
         if step.command == "joints":
             return ()
-        kinematics, row = self._model.kinematics, pose_row(step.planned.pose)[None]
-        sides = np.ones((1, len(self._axes)))
-        above, below = (kinematics.inverse(row, side).values[0] for side in (sides, -sides))
-        return tuple((0.5 * np.abs(above - below)).tolist())
+        pose = step.planned.pose
+        return self._plays[pose] if pose in self._plays else self._plays_of([pose])[0]
+
+    def _plays_of(self, poses: Sequence[Pose]) -> list[Joints]:
+        """Return half of the lost motion of each joint at poses, rad or mm."""
+        kinematics, rows = self._model.kinematics, np.array([pose_row(pose) for pose in poses])
+        sides = np.ones((len(rows), len(self._axes)))
+        above, below = (kinematics.inverse(rows, side).values for side in (sides, -sides))
+        return [tuple(play) for play in (0.5 * np.abs(above - below)).tolist()]
 
     def _distances_from(self, target: _Target, state: RobotState) -> list[float]:
         """Return the distance of each joint from where it is in place, in comparable radians."""

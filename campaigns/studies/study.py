@@ -6,7 +6,7 @@ identification states true? For each of N campaigns
 1. draw a true robot: geometry about its nominal values, every other source of error from its
    tolerance, as the fit's prior supposes, and the tracker's common errors;
 2. compute the points that it reaches at the joints of the plan, and add drawn noise;
-3. fit these shots exactly as `identify` does;
+3. fit these shots as `identify` does, but for slow motion of the stand, which no draw has;
 4. compare with the truth, which only a simulation has: errors of the parameters beside their
    stated σ, and errors of positions over the workspace beside the stated ones.
 

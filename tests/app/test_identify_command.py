@@ -103,7 +103,7 @@ def test_the_document_states_parameters_within_their_uncertainty(pkmcal, clean):
 
 
 def test_people_read_parameters_errors_budget_noise_and_the_verdict(pkmcal, clean):
-    code, out, _ = pkmcal("--verbose", "identify", clean.folder)
+    code, out, _ = pkmcal("identify", clean.folder, "--verbose")
     assert code == 0
     for words in ("plate_mm ", "Uncertainty of positions, 1 σ", "robot repeatability"):
         assert f"\n{words}" in out, words
