@@ -37,7 +37,7 @@ from campaigns.journal.journal import Journal
 from campaigns.measuring.observing import ObservationResult, Observing
 from campaigns.measuring.run_state import Wish, Wishes
 from campaigns.measuring.session import RunResult, measure_series, run_result
-from campaigns.measuring.work import Cell, Work
+from campaigns.measuring.work import Devices, Work
 from campaigns.options import RunOptions, ValidationOptions
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.workflow import validation
@@ -63,7 +63,7 @@ class DeviceJob(ABC, Generic[Result]):
         """Say what will be measured with these devices, before the operator is asked."""
 
     @abstractmethod
-    def measure(self, cell: Cell, display: RunLines, wishes: Wishes, *, anew: bool) -> Result:
+    def measure(self, cell: Devices, display: RunLines, wishes: Wishes, *, anew: bool) -> Result:
         """Measure what is still missing on a prepared cell, and return the result."""
 
 
@@ -78,7 +78,7 @@ class Job(DeviceJob[Result]):
         self.work, self.preview = work, preview
 
     @override
-    def measure(self, cell: Cell, display: RunLines, wishes: Wishes, *, anew: bool) -> Result:
+    def measure(self, cell: Devices, display: RunLines, wishes: Wishes, *, anew: bool) -> Result:
         work = self.prepare(cell)
         with self.campaign.opened_journal() as journal:
             series = measure_series(cell, journal, work, display, wishes, anew=anew)
@@ -88,7 +88,7 @@ class Job(DeviceJob[Result]):
         """Say what will be measured with these devices, before the operator is asked."""
         return briefing(self.campaign, self.work, self.preview, devices)
 
-    def prepare(self, cell: Cell) -> Work:  # noqa: ARG002 - a plan asks nothing of the devices
+    def prepare(self, cell: Devices) -> Work:  # noqa: ARG002 - a plan asks nothing of the devices
         """Return the work, once the cell is connected."""
         return self.work
 
@@ -220,7 +220,7 @@ def _with_step_back(prompt: Prompt | None, wishes: Wishes) -> Prompt | None:
     return ask
 
 
-def _with_operator(cell: Cell, prompt: Prompt, *, waits_for_beam: bool) -> Cell:
+def _with_operator(cell: Devices, prompt: Prompt, *, waits_for_beam: bool) -> Devices:
     """Return the cell with an operator who answers questions and can restore a broken beam."""
     # With --yes there may be no one in the hall: then the wait for a broken beam has an end.
     wait_s = math.inf if waits_for_beam else cell.beam_wait_s
@@ -269,7 +269,7 @@ def _latest_series(campaign: Campaign) -> int:
         return max((series.number for series in journal.series()), default=0)
 
 
-def identities(cell: Cell) -> DeviceIdentities:
+def identities(cell: Devices) -> DeviceIdentities:
     """Ask both devices of a connected cell who they are."""
     return cell.robot.identity(), cell.tracker.identity()
 
@@ -315,7 +315,7 @@ class ObservationJob(DeviceJob[ObservationResult]):
 
     @override
     def measure(
-        self, cell: Cell, display: RunLines, wishes: Wishes, *, anew: bool
+        self, cell: Devices, display: RunLines, wishes: Wishes, *, anew: bool
     ) -> ObservationResult:
         # Values that a killed process has left in the journal alone are written into the file, and
         # what is planned is read again: an earlier try may have measured some of it.
@@ -352,7 +352,7 @@ class ValidationJob(Job[validation.Validated]):
         """Say which stage is measured, and with how many shots."""
         return f"Validation '{self._options.stage}': {super().brief(devices)}"
 
-    def prepare(self, cell: Cell) -> Work:
+    def prepare(self, cell: Devices) -> Work:
         """Record the objections once, and make the work for the parameters held now."""
         # Every try calls this function: only the first has objections to record. The parameters
         # are read again, because somebody may have loaded others since the preview was made.

@@ -32,8 +32,7 @@ from campaigns.fit.kinds import KINDS
 from campaigns.identification.observed import objects_of
 from campaigns.measuring.instruments import Instrument, Task
 from campaigns.measuring.reflector_places import place_of
-from campaigns.measuring.work import Cell as Devices
-from campaigns.measuring.work import RawReaders
+from campaigns.measuring.work import Devices, RawReaders
 from campaigns.settings.sections import BY_HAND, SIMULATED
 from campaigns.shots import point_files
 from campaigns.shots.point_layout import PointFormat

@@ -309,7 +309,7 @@ class Machine:
         return self._is_at(self._target) or self._status.interp_state != self._linuxcnc.INTERP_IDLE
 
 
-class Parameters:
+class ParameterPins:
     """Parameters of pkmkins by name, and the HAL file, such as calib.hal, that keeps them."""
 
     def __init__(self, machine: Machine, path: Path) -> None:
@@ -398,7 +398,7 @@ class Parameters:
         return re.sub(r"\[JOINT_(\d)\]BACKLASH =", r"setp ini.\1.backlash", text)
 
 
-class Session(socketserver.BaseRequestHandler):
+class ClientSession(socketserver.BaseRequestHandler):
     """One client. Its staged parameters and the motion that it has started end with it."""
 
     server: "Bridge"
@@ -482,9 +482,9 @@ class Bridge(socketserver.ThreadingTCPServer):
 
     def __init__(self, address: tuple[str, int], file: Path) -> None:
         self.machine = Machine()
-        self.parameters = Parameters(self.machine, file)
+        self.parameters = ParameterPins(self.machine, file)
         self.grammar = wire.grammar(self.parameters.layout)
-        super().__init__(address, Session)
+        super().__init__(address, ClientSession)
 
 
 def main() -> None:

@@ -38,7 +38,7 @@ from campaigns.measuring.results import (
 )
 from campaigns.measuring.resume import ResumeState
 from campaigns.measuring.run_state import EngineState, PositionUncertainty, Wish
-from campaigns.measuring.shots import Shots
+from campaigns.measuring.shot_taker import ShotTaker
 from campaigns.measuring.stability_check import BEGIN_ANEW, drift_text, measure_change
 from campaigns.measuring.stopping import stopping_robot
 from campaigns.measuring.stopping_rule import in_ranges, in_words, is_met, only_identifies
@@ -66,7 +66,7 @@ class Engine:
         self._session, self._work = session, session.work
         self._log, self._gate, self._run_state = session.log, session.gate, session.run_state
         self._beam = Beam(session, starts)
-        self._shots = Shots(session, self._beam, NestPointer(session, kept.kept))
+        self._shots = ShotTaker(session, self._beam, NestPointer(session, kept.kept))
         self._plan = groups(session.work.steps)
         self._first_drift_mm = kept.first_drift_mm()
         """Point of the first drift shot of each reflector."""

@@ -23,7 +23,7 @@ from campaigns.measuring.instruments import Task
 from campaigns.measuring.motion import Arrival, Mover
 from campaigns.measuring.run_state import EngineState, RunObserver, RunState, Wish, Wishes
 from campaigns.measuring.stopping import stopping_robot
-from campaigns.measuring.work import Cell
+from campaigns.measuring.work import Devices
 from campaigns.planning.paths import RobotModel
 from campaigns.settings.sections import SettleConfig
 from campaigns.shots.observation_records import PlannedRow
@@ -58,7 +58,7 @@ class Observing:
     """One session of observations."""
 
     def __init__(
-        self, cell: Cell, work: ObservationWork, observer: RunObserver, wishes: Wishes
+        self, cell: Devices, work: ObservationWork, observer: RunObserver, wishes: Wishes
     ) -> None:
         """Raise `InstrumentMissing` for a cell without an instrument."""
         if cell.instrument is None:

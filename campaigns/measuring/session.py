@@ -25,7 +25,7 @@ from campaigns.measuring.motion import Mover
 from campaigns.measuring.run_state import PositionUncertainty, RunObserver, RunState, Wishes
 from campaigns.measuring.series_log import SeriesLog, closing
 from campaigns.measuring.stopping_rule import in_words, is_met
-from campaigns.measuring.work import Cell, Session, Work
+from campaigns.measuring.work import Devices, Session, Work
 from campaigns.planning.steps import Group, shots_of
 from campaigns.version import VERSION
 from drivers.values import Identity
@@ -86,7 +86,7 @@ def run_result(journal: JournalReader, series: int, work: Work) -> RunResult:
 
 
 def measure_series(
-    cell: Cell,
+    cell: Devices,
     journal: Journal,
     work: Work,
     observer: RunObserver,
@@ -140,7 +140,7 @@ def measure_series(
 
 
 def _describe_start(
-    cell: Cell, work: Work, robot: Identity, tracker: Identity
+    cell: Devices, work: Work, robot: Identity, tracker: Identity
 ) -> records.SeriesStarted:
     """Describe a series of this work that begins now on these devices."""
     return records.SeriesStarted(
@@ -158,7 +158,7 @@ def _describe_start(
 
 
 def _make_session(
-    cell: Cell,
+    cell: Devices,
     work: Work,
     log: SeriesLog,
     observer: RunObserver,
@@ -186,7 +186,7 @@ def _without_skipped(session: Session, pending: Sequence[Group]) -> tuple[Group,
     return tuple(group for group in pending if group not in skipped)
 
 
-def _beam_start(cell: Cell) -> records.BeamStart | None:
+def _beam_start(cell: Devices) -> records.BeamStart | None:
     """Read where the robot stands and the beam points before anything moves."""
     # The operator has put the beam onto the robot's reflector there: a place to come back to when
     # it is lost and no shot has been accepted yet.

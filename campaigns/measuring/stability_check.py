@@ -19,7 +19,7 @@ from math import dist
 from campaigns.journal.records import Event, EventKind, Outcome
 from campaigns.measuring.reference_poses import FEWEST_POSES, ReferencePose, rigid_body_test
 from campaigns.measuring.results import SKIPPED, Accepted, Lost, Skipped, TakenBack, failure_of
-from campaigns.measuring.shots import Shots
+from campaigns.measuring.shot_taker import ShotTaker
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Step
 
@@ -30,7 +30,7 @@ BEGIN_ANEW = (
 
 
 def measure_change(
-    when: str, references: Sequence[ReferencePose], session: Session, shots: Shots
+    when: str, references: Sequence[ReferencePose], session: Session, shots: ShotTaker
 ) -> str:
     """Measure reference poses again; return what has changed, in words; "" for no change.
 
@@ -63,7 +63,9 @@ def measure_change(
     return text if has_changed else ""
 
 
-def _measure_again(step: Step, before: Outcome, session: Session, shots: Shots) -> Outcome | None:
+def _measure_again(
+    step: Step, before: Outcome, session: Session, shots: ShotTaker
+) -> Outcome | None:
     """Return the outcome of a reference pose, even if the gate refuses it; None if skipped.
 
     Raise `GateRefused` if it is off by more than the gate's limit of distances: a wrong target.

@@ -1,7 +1,7 @@
 """Work of a session: the steps to measure and their rules, and what all parts of a run share.
 
-`Cell` is the outside (devices, time, operator), `Work` the task, which is fixed before the run, and
-`Session` both together with the state that changes while it is carried out.
+`Devices` is the outside (devices, time, operator), `Work` the task, which is fixed before the run,
+and `Session` both together with the state that changes while it is carried out.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -76,7 +76,7 @@ class RawReaders:
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class Devices:
     """The devices of one cell, and its time."""
 
     robot: RobotController
@@ -195,7 +195,7 @@ class Work:
 class Session:
     """Cell, work and state that all parts of one session share."""
 
-    cell: Cell
+    cell: Devices
     work: Work
     log: SeriesLog
     run_state: RunState

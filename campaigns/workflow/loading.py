@@ -43,7 +43,7 @@ from campaigns.journal.records import Finding
 from campaigns.measuring.run_state import SILENT, RunObserver, Wishes
 from campaigns.measuring.series_log import problem_of
 from campaigns.measuring.session import measure_series
-from campaigns.measuring.work import Cell
+from campaigns.measuring.work import Devices
 from campaigns.options import LoadOptions
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.robots.reduced_form import form_of
@@ -78,7 +78,7 @@ class LoadTerms:
     tell: Callable[[str], None] = lambda _: None
     uninterrupted: AbstractContextManager[object] = field(default_factory=nullcontext)
     dry: bool = False
-    prepare: Callable[[Cell], None] = lambda _: None
+    prepare: Callable[[Devices], None] = lambda _: None
     observer: RunObserver = SILENT
     stop_requested: Callable[[], bool] = lambda: False
     goes_on: Callable[[], bool] = lambda: False
@@ -135,7 +135,7 @@ class Wanted:
 
 def load(
     campaign: Campaign,
-    connection: AbstractContextManager[RobotController | Cell],
+    connection: AbstractContextManager[RobotController | Devices],
     options: LoadOptions | None = None,
     terms: LoadTerms | None = None,
 ) -> LoadResult:
@@ -173,7 +173,7 @@ def load(
 
 def _load_held(
     campaign: Campaign,
-    connection: AbstractContextManager[RobotController | Cell],
+    connection: AbstractContextManager[RobotController | Devices],
     options: LoadOptions,
     terms: LoadTerms,
 ) -> LoadResult:
@@ -183,8 +183,8 @@ def _load_held(
         if wanted is None and load_history(journal) == ((), None):
             raise nothing_to_take_back(campaign)
         with connection as devices:
-            cell = devices if isinstance(devices, Cell) else None
-            controller = devices.robot if isinstance(devices, Cell) else devices
+            cell = devices if isinstance(devices, Devices) else None
+            controller = devices.robot if isinstance(devices, Devices) else devices
             loading = _Loading(campaign, journal, controller, options, terms, cell)
             return loading.roll_back() if wanted is None else loading.load(wanted)
 
@@ -221,7 +221,7 @@ class _Loading:
     controller: RobotController
     options: LoadOptions
     terms: LoadTerms
-    cell: Cell | None = None
+    cell: Devices | None = None
     """Cell of the controller if its tracker is connected too, else None."""
 
     def load(self, wanted: Wanted) -> LoadResult:

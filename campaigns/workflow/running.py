@@ -24,7 +24,7 @@ from campaigns.measuring import resume
 from campaigns.measuring.run_state import SILENT, PositionUncertainty, RunObserver, Wishes
 from campaigns.measuring.session import RunResult, measure_series, run_result
 from campaigns.measuring.stopping_rule import predicted_stop, read_goal
-from campaigns.measuring.work import Cell, Work
+from campaigns.measuring.work import Devices, Work
 from campaigns.options import RunOptions
 from campaigns.planning.plan_check import CheckedPlan
 from campaigns.planning.steps import groups, joint_steps, shots_of
@@ -145,7 +145,7 @@ def measured_before(campaign: Campaign, work: Work) -> RunResult | None:
 
 def run(
     campaign: Campaign,
-    cell: Cell,
+    cell: Devices,
     options: RunOptions | None = None,
     *,
     observer: RunObserver = SILENT,

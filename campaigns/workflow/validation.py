@@ -31,7 +31,7 @@ from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, Finding, Stage
 from campaigns.measuring.run_state import SILENT, RunObserver, Wishes
 from campaigns.measuring.session import measure_series
-from campaigns.measuring.work import Cell, Work
+from campaigns.measuring.work import Devices, Work
 from campaigns.options import ValidationOptions, ValidationStage
 from campaigns.planning.plan_file import PlannedShot
 from campaigns.planning.validation_plan import Correct, Reachable, validation_steps
@@ -280,7 +280,7 @@ def record_objections(journal: Journal, objections: Iterable[OptionsInvalid]) ->
 
 def validate(
     campaign: Campaign,
-    cell: Cell,
+    cell: Devices,
     options: ValidationOptions,
     *,
     observer: RunObserver = SILENT,

@@ -2,8 +2,8 @@
 
 Questions are worked on one after another, in the order of their coming: pointline's answer comes
 when the work is done, so that a real server may simply block. This one has no thread to block. A
-question that takes time leaves its `Work`, the end and the step that yields the outcome; until
-then further questions wait.
+question that takes time leaves its `PendingAnswer`, the end and the step that yields the outcome;
+until then further questions wait.
 """
 
 from collections import deque
@@ -24,8 +24,8 @@ MOST_WAITING = 100
 """Questions that are kept while one is worked on; more are lost, as in a full buffer."""
 
 
-class Work(NamedTuple):
-    """Work that takes time."""
+class PendingAnswer(NamedTuple):
+    """Answer that takes time."""
 
     due_s: float
     finish: Callable[[float], object]
@@ -44,7 +44,7 @@ class PointlineSession(ServedSession):
         self._lines = wire.GRAMMAR.line_framer()
         self._measuring_time_s = 1.0
         self._waiting: deque[Question] = deque()
-        self._under_way: tuple[Question, Work] | None = None
+        self._under_way: tuple[Question, PendingAnswer] | None = None
 
     @override
     def received(self, data: bytes, now_s: float) -> None:
@@ -69,7 +69,7 @@ class PointlineSession(ServedSession):
             if self._under_way is None:
                 question = self._waiting.popleft()
                 outcome = self._obey(question, now_s)
-                if isinstance(outcome, Work):  # the outcome comes later
+                if isinstance(outcome, PendingAnswer):  # the outcome comes later
                     self._under_way = question, outcome
                     continue
             else:
@@ -92,7 +92,7 @@ class PointlineSession(ServedSession):
         self._under_way = None
         self._waiting.clear()
 
-    def _obey(self, request: Question, now_s: float) -> object | Work:
+    def _obey(self, request: Question, now_s: float) -> object | PendingAnswer:
         tracker = self._tracker
         match request.body:
             case Hello(version):
@@ -139,7 +139,7 @@ class PointlineSession(ServedSession):
             len(reflectors), reflector.name, reflector.surface_offset_mm
         )
 
-    def _prepare(self, name: str, seconds: float, now_s: float) -> object | Work:
+    def _prepare(self, name: str, seconds: float, now_s: float) -> object | PendingAnswer:
         tracker = self._tracker
         reflector = next((r for r in tracker.reflectors if r.name == name), None)
         if reflector is None:
@@ -150,13 +150,13 @@ class PointlineSession(ServedSession):
         self._measuring_time_s = seconds
         # PREPARE initialises only if necessary, since that turns the head and loses the beam
         takes_s = 0.0 if tracker.initialised(now_s) else tracker.initialise(now_s)
-        return Work(now_s + takes_s, lambda _: Nothing())
+        return PendingAnswer(now_s + takes_s, lambda _: Nothing())
 
-    def _measure(self, now_s: float) -> Refused | Work:
+    def _measure(self, now_s: float) -> Refused | PendingAnswer:
         due_s = self._tracker.begin_measurement(self._measuring_time_s, now_s)
         if due_s is None:
             return Refused("NOBEAM", "the beam is on no reflector")
-        return Work(due_s, self._finish_measuring)
+        return PendingAnswer(due_s, self._finish_measuring)
 
     def _finish_measuring(self, now_s: float) -> wire.PointMeasured | Refused:
         shot = self._tracker.finish_measurement(now_s)
@@ -169,8 +169,8 @@ class PointlineSession(ServedSession):
         terms = xx, xy, xz, yy, yz, zz
         return wire.PointMeasured(count, self._reflector, shot.point_in_tracker_mm, terms)
 
-    def _work_until_seen(self, seconds: float, now_s: float) -> Work:
+    def _work_until_seen(self, seconds: float, now_s: float) -> PendingAnswer:
         def finish(end_s: float) -> Nothing | Refused:
             return Nothing() if self._tracker.beam_locked(end_s) else NO_REFLECTOR_FOUND
 
-        return Work(now_s + seconds, finish)
+        return PendingAnswer(now_s + seconds, finish)

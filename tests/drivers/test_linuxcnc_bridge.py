@@ -11,7 +11,7 @@ from scripted_controller import checked
 from timed_pipe import HandClock
 
 from drivers import linuxcnc_bridge
-from drivers.linuxcnc_bridge import Parameters, Refusal, Session
+from drivers.linuxcnc_bridge import ClientSession, ParameterPins, Refusal
 from drivers.wire.robotline import grammar
 
 FILE = Path(__file__).parents[2] / "examples/linuxcnc/cartesian/calib.hal"
@@ -53,24 +53,24 @@ def whole(parameters, **changes):
 
 
 def test_new_set_is_at_work_and_in_the_file_and_set_again_at_the_next_start(file):
-    parameters = Parameters(Machine(file), file)
+    parameters = ParameterPins(Machine(file), file)
     parameters.replace(whole(parameters, plate_mm=101.0) | {"arm1.backlash_deg": 0.005})
     parameters.check()
     assert parameters.robot() == "par4-prototype"
     started = Machine(file)
-    again = Parameters(started, file)
+    again = ParameterPins(started, file)
     assert again.values("PLATE") == (101.0,)
     assert started.get("ini.1.backlash") == 0.005
     again.check()
     file.write_text(file.read_text().replace("setp ini.1.backlash", "[JOINT_1]BACKLASH ="))
-    Parameters(Machine(file), file).check()
+    ParameterPins(Machine(file), file).check()
     assert "BACKLASH = 0.005" in file.read_text()
 
 
 @pytest.mark.parametrize("stuck", [["pkmkins.plate_mm"], []], ids=["pin", "file"])
 def test_set_that_cannot_be_put_to_work_or_kept_is_taken_back(file, stuck):
     machine, before = Machine(file, stuck), file.read_text()
-    parameters, held = Parameters(machine, file), dict(machine.held)
+    parameters, held = ParameterPins(machine, file), dict(machine.held)
     if not stuck:
         file.with_name("calib.hal.new").mkdir()
     with pytest.raises(Refusal, match="the old parameters are back"):
@@ -81,20 +81,20 @@ def test_set_that_cannot_be_put_to_work_or_kept_is_taken_back(file, stuck):
 
 
 def test_tilts_are_not_taken_where_nobody_knows_the_plates_drawing(file):
-    assert "arm0.axis_tilt_deg" in Parameters(Machine(file), file).layout.extensions
+    assert "arm0.axis_tilt_deg" in ParameterPins(Machine(file), file).layout.extensions
     file.write_text(re.sub(r"setp pkmkins\.(arm\d\.plate|reflector).*\n", "", file.read_text()))
-    assert "arm0.axis_tilt_deg" not in Parameters(Machine(file), file).layout.extensions
+    assert "arm0.axis_tilt_deg" not in ParameterPins(Machine(file), file).layout.extensions
 
 
 def test_lines_are_answered_as_the_page_says(file):
     """What is wrong with a line the grammar decides, with golden lines of its own."""
     machine = Machine(file)
-    parameters = Parameters(machine, file)
+    parameters = ParameterPins(machine, file)
     lines = grammar(parameters.layout)
     bridge = SimpleNamespace(machine=machine, parameters=parameters, grammar=lines)
     ours, theirs = socket.socketpair()
     with ours, theirs:
-        serving = Thread(target=Session, args=(theirs, None, bridge))
+        serving = Thread(target=ClientSession, args=(theirs, None, bridge))
         serving.start()
         for line in ("noise", ">1 HELLO 2", ">2 GEOM PLATE", ">3 ABANDON", ">4 WHO"):
             ours.sendall(checked(line))

@@ -15,7 +15,7 @@ from campaigns.journal.journal import Journal
 from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.run_state import Progress, RunObserver, Wishes
 from campaigns.measuring.session import measure_series
-from campaigns.measuring.work import UNATTENDED_BEAM_WAIT_S, Cell, RawReaders, Work
+from campaigns.measuring.work import UNATTENDED_BEAM_WAIT_S, Devices, RawReaders, Work
 from campaigns.robots.robot import find_robot
 from drivers import values
 from drivers.errors import BeamBroken, Cancelled
@@ -251,10 +251,12 @@ class FakeCell:
         self.wishes = Wishes(self.wish)
 
     @property
-    def devices(self) -> Cell:
+    def devices(self) -> Devices:
         clock, wait_s = self.clock, self.beam_wait_s
         readers = self.raw_readers
-        return Cell(self.robot, self.tracker, clock, clock, raw_readers=readers, beam_wait_s=wait_s)
+        return Devices(
+            self.robot, self.tracker, clock, clock, raw_readers=readers, beam_wait_s=wait_s
+        )
 
     def measure(self, journal: Journal, work: Work, *, anew: bool = False) -> int:
         return measure_series(self.devices, journal, work, self.observer, self.wishes, anew=anew)

@@ -18,7 +18,7 @@ from campaigns.campaign import Campaign
 from campaigns.controllers.load_journal import load_history
 from campaigns.controllers.objections import ObjectionName
 from campaigns.journal.records import Finding
-from campaigns.measuring.work import Cell
+from campaigns.measuring.work import Devices
 from campaigns.options import LoadOptions
 from campaigns.planning.plan_file import write_plan
 from campaigns.robots.robot import compensated, read_robot
@@ -270,23 +270,23 @@ class WholeRobot(FakeRobot):
 
 
 @pytest.fixture
-def cell() -> Cell:
+def cell() -> Devices:
     """A cell in virtual time whose true robot has the errors that were identified."""
     clock, calls = VirtualClock(), []
     robot = WholeRobot(clock, calls)
     true = {name: value + ERRORS.get(name, 0.0) for name, value in OLD.items()}
-    return Cell(robot, FakeTracker(clock, calls, robot, truth=par4(true)), clock, clock)
+    return Devices(robot, FakeTracker(clock, calls, robot, truth=par4(true)), clock, clock)
 
 
 def verified(
-    campaign: Campaign, cell: Cell, pairs: int = 2, source: Path | None = None, **terms: object
+    campaign: Campaign, cell: Devices, pairs: int = 2, source: Path | None = None, **terms: object
 ) -> LoadResult:
     options = LoadOptions(file=source, verify=pairs, force=CHANGED if source else ())
     return load(campaign, nullcontext(cell), options, LoadTerms(**terms))
 
 
 def test_pairs_that_become_better_are_kept_with_the_load(
-    campaign: Campaign, cell: Cell, new
+    campaign: Campaign, cell: Devices, new
 ) -> None:
     verification = verified(campaign, cell).verification
     assert verification is not None
@@ -299,7 +299,7 @@ def test_pairs_that_become_better_are_kept_with_the_load(
 
 
 def test_pairs_that_become_worse_bring_the_old_parameters_back(
-    campaign: Campaign, cell: Cell
+    campaign: Campaign, cell: Devices
 ) -> None:
     told: list[str] = []
     worse = {name: OLD[name] - error for name, error in ERRORS.items()}
@@ -315,7 +315,7 @@ def test_pairs_that_become_worse_bring_the_old_parameters_back(
 
 @pytest.mark.parametrize("seed", range(4))
 def test_equally_good_sets_are_kept_and_said_to_be_undecided(
-    campaign: Campaign, cell: Cell, seed: int
+    campaign: Campaign, cell: Devices, seed: int
 ) -> None:
     """A robot that scatters shows small differences of the mean error, as often worse as better."""
     scatter = np.random.default_rng(seed)
@@ -336,7 +336,7 @@ def test_equally_good_sets_are_kept_and_said_to_be_undecided(
 
 
 def test_more_pairs_than_there_are_are_refused_before_anything_moves(
-    campaign: Campaign, cell: Cell
+    campaign: Campaign, cell: Devices
 ) -> None:
     with pytest.raises(errors.OptionsInvalid, match=r"--verify 5: plan.csv has 4 validation pairs"):
         verified(campaign, cell, pairs=5)
@@ -345,7 +345,7 @@ def test_more_pairs_than_there_are_are_refused_before_anything_moves(
 
 
 def test_robot_stands_at_the_centre_before_writing_whence_a_safe_way_leads(
-    campaign: Campaign, cell: Cell
+    campaign: Campaign, cell: Devices
 ) -> None:
     """With a plate of 92 mm the turn of 44° where the last pair ends would be 49°, beyond 45°."""
     poses = [[0.0, 0.0, -600.0, 0.0], [100.0, 0.0, -600.0, np.radians(44.0)]]
@@ -358,7 +358,7 @@ def test_robot_stands_at_the_centre_before_writing_whence_a_safe_way_leads(
 
 
 def test_pair_that_cannot_be_measured_after_writing_brings_the_old_parameters_back(
-    campaign: Campaign, cell: Cell
+    campaign: Campaign, cell: Devices
 ) -> None:
     robot, shots = cell.robot, campaign.read_plan()
     second = [shot.pose for shot in shots if shot.purpose is ShotSet.VALIDATION][2]
@@ -386,7 +386,7 @@ def test_pair_that_cannot_be_measured_after_writing_brings_the_old_parameters_ba
     ids=["before", "after"],
 )
 def test_robot_that_cannot_be_stopped_is_written_nothing(
-    campaign: Campaign, cell: Cell, new, move: int, holds: str, journal: list[str]
+    campaign: Campaign, cell: Devices, new, move: int, holds: str, journal: list[str]
 ) -> None:
     robot, is_after = cell.robot, bool(journal)
     robot.stop_errors = 2 * [RobotStateUnknown("it still moves", remedy="use the hardware stop")]
@@ -408,7 +408,7 @@ def test_robot_that_cannot_be_stopped_is_written_nothing(
 
 @pytest.mark.parametrize(("move", "kinds"), [(1, []), (6, ["load begun", "load failed"])])
 def test_operators_stop_says_that_the_old_parameters_are_in(
-    campaign: Campaign, cell: Cell, move: int, kinds: list[str]
+    campaign: Campaign, cell: Devices, move: int, kinds: list[str]
 ) -> None:
     wish = StopWish(cell.clock)
     cell.robot.during_move[move] = wish.ask

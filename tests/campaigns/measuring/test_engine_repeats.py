@@ -10,7 +10,7 @@ from tested_journal import journal_in
 from campaigns.errors import GateRefused
 from campaigns.journal.records import Event, PairVoided, Rejected
 from campaigns.journal.views import AcceptedShot
-from campaigns.measuring.shots import FORGIVEN_BREAKS
+from campaigns.measuring.shot_taker import FORGIVEN_BREAKS
 from drivers.errors import BeamBroken
 from drivers.values import Measurement
 

@@ -45,7 +45,7 @@ while it is measured is hidden or loose.
 """
 
 
-class Shots:
+class ShotTaker:
     """Measures single shots of one series, and writes how each attempt ended."""
 
     def __init__(self, session: Session, beam: Beam, nests: NestPointer) -> None:
