@@ -22,7 +22,7 @@ from campaigns.controllers.load import Change
 from campaigns.errors import Interrupted
 from campaigns.files.table import Column, words
 from campaigns.options import LoadOptions
-from campaigns.workflow.loading import LoadResult, LoadTerms, Verification, load
+from campaigns.workflow.loading import LoadResult, LoadTerms, LoadVerification, load
 from drivers.values import Identity
 
 QUESTION = "Write these parameters into controller {serial}? The robot must stand still."
@@ -49,7 +49,7 @@ class LoadAnswer:
     kept: Path | None
     forced: tuple[str, ...]
     held: ControllerState | None
-    verification: Verification | None
+    verification: LoadVerification | None
 
 
 def command(

@@ -45,7 +45,7 @@ Clock: TypeAlias = Callable[[], float]
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class SimulatedPart:
     """Campaigns that were simulated together."""
 
     rows: tuple[CampaignRow, ...] = ()
@@ -109,7 +109,7 @@ def run_study(study: Study, table: StudyTable, wanted: range, executor: Executor
 
 def simulated_parts(
     simulate: Simulate, numbers: Numbers, executor: Executor | None, clock: Clock = time.monotonic
-) -> Iterator[Part]:
+) -> Iterator[SimulatedPart]:
     """Yield parts as they come from an executor's processes, or without an executor from this one.
 
     If a local process is killed, all parts that had not come back are lost.
@@ -118,7 +118,7 @@ def simulated_parts(
         starts = range(0, len(numbers), CAMPAIGNS_A_PART)
         parts = [numbers[start : start + CAMPAIGNS_A_PART] for start in starts]
         postponed: list[int] = []
-        come: Iterable[Part]
+        come: Iterable[SimulatedPart]
         if executor is None:
             come = (_simulate_part(simulate, part, clock) for part in parts)
         else:
@@ -131,14 +131,14 @@ def simulated_parts(
 
 def _come_back(
     executor: Executor, simulate: Simulate, parts: Sequence[Numbers], clock: Clock
-) -> Iterator[Part]:
+) -> Iterator[SimulatedPart]:
     """Yield the parts that an executor's processes simulate, or what was lost with a process."""
-    futures: dict[Future[Part], Numbers] = {}
+    futures: dict[Future[SimulatedPart], Numbers] = {}
     for numbers in parts:
         try:
             futures[executor.submit(_simulate_part, simulate, numbers, clock)] = numbers
         except BrokenExecutor:  # a process was killed in between
-            yield Part(lost=numbers, reason=KILLED)
+            yield SimulatedPart(lost=numbers, reason=KILLED)
     for future in as_completed(futures):
         # Errors of a simulation come back as a part. One of the future itself means that its
         # process, or the way to it, is gone.
@@ -148,7 +148,7 @@ def _come_back(
         else:
             is_killed = isinstance(error, TerminatedWorkerError)
             why = KILLED if is_killed else f"{type(error).__name__}: {error}"
-            yield Part(lost=futures[future], reason=why)
+            yield SimulatedPart(lost=futures[future], reason=why)
 
 
 @contextmanager
@@ -183,7 +183,7 @@ def cluster(scheduler: str) -> Iterator[Executor]:
         yield client.get_executor()
 
 
-def _simulate_part(simulate: Simulate, numbers: Numbers, clock: Clock) -> Part:
+def _simulate_part(simulate: Simulate, numbers: Numbers, clock: Clock) -> SimulatedPart:
     """Simulate campaigns in the worker, at least one; an error there costs its campaign alone."""
     rows: list[CampaignRow] = []
     until_s = clock() + PART_S
@@ -195,8 +195,8 @@ def _simulate_part(simulate: Simulate, numbers: Numbers, clock: Clock) -> Part:
     except Exception as error:  # noqa: BLE001 - it is reported, and can be computed again
         done = len(rows)
         why = f"{type(error).__name__}: {error}"
-        return Part((*rows,), numbers[done + 1 :], numbers[done : done + 1], why)
-    return Part((*rows,), numbers[len(rows) :])
+        return SimulatedPart((*rows,), numbers[done + 1 :], numbers[done : done + 1], why)
+    return SimulatedPart((*rows,), numbers[len(rows) :])
 
 
 def _serve(parent: int) -> None:

@@ -63,7 +63,7 @@ KIND_OF_NAME = {"bed": "height", "table": "height", "part": "distance"}
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class WantedObservations:
     """So many observations of one kind at one object, to be planned."""
 
     thing: Object
@@ -72,7 +72,7 @@ class Wish:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Cell:
+class ObservedCell:
     """Robot and instruments that observations are planned for."""
 
     robot: RobotModel
@@ -120,7 +120,7 @@ def kind_of(thing: Object) -> str:
     )
 
 
-def read_wish(text: str, objects: Mapping[str, Object]) -> Wish:
+def read_wish(text: str, objects: Mapping[str, Object]) -> WantedObservations:
     """Read a wish such as `bed=30`, or `height:bed=30`; raise `OptionsInvalid`."""
     what, _, number = text.rpartition("=")
     kind, colon, name = what.rpartition(":")
@@ -141,10 +141,12 @@ def read_wish(text: str, objects: Mapping[str, Object]) -> Wish:
             f"--observe {shown(kind)} is no kind of observation",
             remedy=suggestion(kind, tuple(KINDS)),
         )
-    return Wish(objects[name], kind or kind_of(objects[name]), int(number))
+    return WantedObservations(objects[name], kind or kind_of(objects[name]), int(number))
 
 
-def candidates_of(wish: Wish, cell: Cell, rng: np.random.Generator) -> Measured:
+def candidates_of(
+    wish: WantedObservations, cell: ObservedCell, rng: np.random.Generator
+) -> Measured:
     """Return observations of an object at poses drawn for its kind, with the values expected there.
 
     Raise `PlanInvalid` where too few poses can be taken, or the kind has its poses from elsewhere.
@@ -175,7 +177,9 @@ def candidates_of(wish: Wish, cell: Cell, rng: np.random.Generator) -> Measured:
 
 
 # At the level that the object states, or else at z = 0, where printers have their bed.
-def _on_plane(wish: Wish, cell: Cell, rng: np.random.Generator, count: int = CANDIDATES) -> Array:
+def _on_plane(
+    wish: WantedObservations, cell: ObservedCell, rng: np.random.Generator, count: int = CANDIDATES
+) -> Array:
     """Draw poses (M, 1, t) of the tool at the level of an object."""
     robot, bed = cell.robot, wish.thing.support
     level_mm = 0.0 if bed.place_mm is None else bed.place_mm[2]
@@ -186,7 +190,9 @@ def _on_plane(wish: Wish, cell: Cell, rng: np.random.Generator, count: int = CAN
     return poses_at_level(robot.kinematics, robot.limits, centre, count, rng, robot.space)[:, None]
 
 
-def _pairs_on_plane(wish: Wish, cell: Cell, rng: np.random.Generator) -> Array:
+def _pairs_on_plane(
+    wish: WantedObservations, cell: ObservedCell, rng: np.random.Generator
+) -> Array:
     """Draw pairs of poses (M, 2, t) at the level of an object, within callipers' reach."""
     poses = _on_plane(wish, cell, rng)[:, 0]
     first, second = rng.integers(len(poses), size=(2, 40 * CANDIDATES))
@@ -199,14 +205,14 @@ def _pairs_on_plane(wish: Wish, cell: Cell, rng: np.random.Generator) -> Array:
     return np.stack([poses[first[pairs]], poses[second[pairs]]], axis=1)
 
 
-def _anywhere(wish: Wish, cell: Cell, rng: np.random.Generator) -> Array:  # noqa: ARG001 - as others
+def _anywhere(wish: WantedObservations, cell: ObservedCell, rng: np.random.Generator) -> Array:  # noqa: ARG001 - as others
     """Draw poses (M, 1, t) all over the workspace."""
     robot = cell.robot
     args = (robot.kinematics, robot.limits, robot.centre, CANDIDATES, rng, robot.space)
     return workspace_poses(*args)[:, None]
 
 
-def _seen(wish: Wish, cell: Cell, rng: np.random.Generator) -> Array:
+def _seen(wish: WantedObservations, cell: ObservedCell, rng: np.random.Generator) -> Array:
     """Draw poses (M, k, t) at which the tracker sees the reflector."""
     if cell.region is None:
         raise PlanInvalid(
@@ -218,7 +224,7 @@ def _seen(wish: Wish, cell: Cell, rng: np.random.Generator) -> Array:
     return poses.reshape(CANDIDATES, count, -1)
 
 
-def _on_sphere(wish: Wish, cell: Cell, rng: np.random.Generator) -> Array:
+def _on_sphere(wish: WantedObservations, cell: ObservedCell, rng: np.random.Generator) -> Array:
     """Draw poses (M, 1, t) about the fixed ball of a bar, at the bar's length from it."""
     ball, robot = wish.thing.support, cell.robot
     if ball is wish.thing or ball.place_mm is None or wish.thing.length_mm is None:
@@ -237,7 +243,7 @@ def _on_sphere(wish: Wish, cell: Cell, rng: np.random.Generator) -> Array:
     return poses[allowed][:CANDIDATES, None]
 
 
-_DRAWN: Mapping[str, Callable[[Wish, Cell, np.random.Generator], Array]] = {
+_DRAWN: Mapping[str, Callable[[WantedObservations, ObservedCell, np.random.Generator], Array]] = {
     "height": _on_plane,
     "block": _on_plane,
     "distance": _pairs_on_plane,
@@ -249,7 +255,7 @@ _DRAWN: Mapping[str, Callable[[Wish, Cell, np.random.Generator], Array]] = {
 
 # Only derivatives count, so that a value need not be right: but the tracker's errors of scale and
 # the search for a probe's turn begin at what it sees.
-def _expected(kind: Kind, poses: Array, cell: Cell) -> Array:
+def _expected(kind: Kind, poses: Array, cell: ObservedCell) -> Array:
     """Return values (M, v) near those at poses (M, k, t); heights, lengths and tilts are 0."""
     values = np.zeros((len(poses), len(kind.columns)))
     if cell.region is None or not kind.by_tracker:

@@ -85,7 +85,7 @@ class LoadTerms:
 
 
 @dataclass(frozen=True, slots=True)
-class Verification:
+class LoadVerification:
     """Mean absolute error of the distances of the same pairs before and after writing."""
 
     pairs: int
@@ -118,7 +118,7 @@ class LoadResult:
     kept: Path | None = None
     forced: tuple[str, ...] = ()
     state: ControllerState | None = None
-    verification: Verification | None = None
+    verification: LoadVerification | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -367,7 +367,7 @@ class _Loading:
 
     def _measure_after(
         self, begun: Load, shots: tuple[PlannedShot, ...], series: int, before: ValidationResult
-    ) -> Verification:
+    ) -> LoadVerification:
         """Measure with the new parameters, and compare with the series and its figures before.
 
         Whatever ends the measurement, the old parameters are put back, unless the robot may still
@@ -390,7 +390,7 @@ class _Loading:
             raise
         comparison = compare_distances(before, after)
         assert comparison is not None, "pairs were measured in both series"
-        verification = Verification(
+        verification = LoadVerification(
             begun.verify,
             comparison.before.value_mm,
             comparison.after.value_mm,

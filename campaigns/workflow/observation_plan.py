@@ -37,8 +37,8 @@ from campaigns.shots.shot_sets import ShotSet
 from campaigns.studies.observation_candidates import (
     USUAL,
     WITHOUT_LENGTH,
-    Cell,
-    Wish,
+    ObservedCell,
+    WantedObservations,
     candidates_of,
     kind_of,
     read_wish,
@@ -87,7 +87,7 @@ class PlannedObservations:
 class _Drawn:
     """Candidates of one object, after those that shots of the plan are already."""
 
-    wish: Wish
+    wish: WantedObservations
     measured: Measured
     planned: int
 
@@ -106,7 +106,7 @@ def plan_observations(
     `PlanInvalid` for an object out of reach.
     """
     planned, seconds_each = shots or ((), 0.0)
-    cell = Cell(
+    cell = ObservedCell(
         robot=campaign.robot_model,
         region=campaign.region if planned else None,
         instrument=campaign.instrument,
@@ -159,13 +159,13 @@ def write_planned(campaign: Campaign, observations: PlannedObservations) -> Plan
     return replace(observations, older=older)
 
 
-def _wishes(campaign: Campaign, texts: Sequence[str]) -> list[Wish]:
+def _wishes(campaign: Campaign, texts: Sequence[str]) -> list[WantedObservations]:
     """Return what is wished for, then all other objects of which a kind is stated, to compare.
 
     Raise `OptionsInvalid` for a wish that is unclear, or stands twice.
     """
     objects = {thing.name: thing for thing in objects_of(campaign.config.objects)}
-    wishes: dict[str, Wish] = {}
+    wishes: dict[str, WantedObservations] = {}
     for text in texts:
         wish = read_wish(text, objects)
         if wishes.setdefault(wish.thing.name, wish) is not wish:
@@ -174,12 +174,15 @@ def _wishes(campaign: Campaign, texts: Sequence[str]) -> list[Wish]:
             )
     for name in [name for name in objects if name not in wishes]:
         with suppress(OptionsInvalid):
-            wishes[name] = Wish(objects[name], kind_of(objects[name]), 0)
+            wishes[name] = WantedObservations(objects[name], kind_of(objects[name]), 0)
     return [*wishes.values()]
 
 
 def _draw(
-    wishes: Sequence[Wish], cell: Cell, shots: Sequence[PlannedShot], rng: np.random.Generator
+    wishes: Sequence[WantedObservations],
+    cell: ObservedCell,
+    shots: Sequence[PlannedShot],
+    rng: np.random.Generator,
 ) -> list[_Drawn]:
     """Return candidates of each object, without those that are only compared and have no poses."""
     drawn = []
@@ -237,7 +240,7 @@ def _carried(shots: Sequence[PlannedShot], name: str) -> list[PlannedShot]:
     return [shots[row] for row in whole if shots[row].reflector == name]
 
 
-def _joined(drawn: Measured, shots: Sequence[PlannedShot], cell: Cell) -> Measured:
+def _joined(drawn: Measured, shots: Sequence[PlannedShot], cell: ObservedCell) -> Measured:
     """Return candidates after the planned shots of a reflector that the object carries."""
     if not shots or cell.region is None:
         return drawn
@@ -283,7 +286,7 @@ def _tested(
     return frozenset(tested.union(*(KINDS[row.kind].checks for row in held_out)))
 
 
-def _gain(expected: Outlook, number: int, quantity: QuantityWord, cell: Cell) -> Gain:
+def _gain(expected: Outlook, number: int, quantity: QuantityWord, cell: ObservedCell) -> Gain:
     """Return what ten more of an object would gain, and the time that they take."""
     gain = expected.gain(number, FURTHER, quantity)
     seconds = gain.count * cell.seconds(gain.kind)

@@ -8,7 +8,7 @@ import pytest
 
 from app.main import run_command
 from app.study.output import honesty
-from app.study.running import Part, simulated_parts
+from app.study.running import SimulatedPart, simulated_parts
 from campaigns.campaign import now_utc
 from campaigns.files.lock import campaign_lock
 from campaigns.studies.summary import ParameterSummary, StudySummary, chance
@@ -46,7 +46,7 @@ def stopped_after_one_part(simulate, numbers, executor):
 
 
 def loses_the_second_part(simulate, numbers, executor):
-    yield Part(lost=numbers[2:4], reason="killed")
+    yield SimulatedPart(lost=numbers[2:4], reason="killed")
     yield from simulated_parts(simulate, numbers[:2], None)
 
 

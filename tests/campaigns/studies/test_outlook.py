@@ -19,7 +19,7 @@ from campaigns.planning import forecast
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plans import in_turn, joints_of, poses_of
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.studies.observation_candidates import Cell, candidates_of, kind_of, read_wish
+from campaigns.studies.observation_candidates import ObservedCell, candidates_of, kind_of, read_wish
 from campaigns.studies.outlook import judged_in_space, outlook, planned_points, without_tracker
 
 TRACKER_MM = np.array([2400.0, -300.0, -450.0])
@@ -85,7 +85,7 @@ def printer_candidates(wishes, seed=1):
     """Candidates of a printer without a tracker, and the outlook in which none is planned."""
     robot = printer()
     model = RobotModel(robot.kinematics, robot.limits, robot.workspace_centre, BED)
-    cell = Cell(robot=model, region=None, instrument=TrackerUncertainty())
+    cell = ObservedCell(robot=model, region=None, instrument=TrackerUncertainty())
     rng = np.random.default_rng(seed)
     candidates = [candidates_of(read_wish(wish, OBJECTS), cell, rng) for wish in wishes]
     return candidates, outlook_of(robot, other_kinds(candidates, robot.kinematics))
@@ -254,7 +254,7 @@ def test_unclear_wishes_are_refused(text, says):
 def test_a_bed_out_of_reach_has_no_poses_and_says_what_to_state():
     robot = printer()
     model = RobotModel(robot.kinematics, robot.limits, robot.workspace_centre, BED)
-    cell = Cell(robot=model, region=None, instrument=TrackerUncertainty())
+    cell = ObservedCell(robot=model, region=None, instrument=TrackerUncertainty())
     bed = Object("bed", place_mm=(0.0, 0.0, -5000.0))
     with pytest.raises(PlanInvalid, match="too few poses for bed") as caught:
         candidates_of(read_wish("bed=30", {"bed": bed}), cell, np.random.default_rng(1))
