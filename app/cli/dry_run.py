@@ -26,7 +26,7 @@ from app.report.terminal_text import limits_met, say_gain, show_warnings
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.evaluation.verdict import JUDGED_FIGURE
-from campaigns.evidence import Evaluation, evaluate
+from campaigns.evidence import Evaluation
 from campaigns.identification.options import IdentificationOptions
 from drivers.bounded_files import is_there
 
@@ -79,13 +79,13 @@ def command(
     rehearsal, reasons_against = rehearse(campaign, terminal, IdentificationOptions())
     # the report is written also of a dry run that ended early: it says what is missing
     heading(terminal, STAGES, "report")
-    _, path, _ = report(campaign)
+    page, path, _ = report(campaign)
     seconds = time.monotonic() - started_s
     terminal.say("")
-    _show_verdict(terminal, evaluate(campaign), reasons_against)
+    _show_verdict(terminal, page.evaluation, reasons_against)
     terminal.say(f"Open {path.resolve().as_uri()}")
     terminal.say(f"{seconds:.0f} s; everything is in {campaign.folder}")
-    following = tell_next(terminal, campaign, reported=True)
+    following = tell_next(terminal, campaign, reported=True, evaluation=page.evaluation)
     rehearsal.report, rehearsal.seconds = path, seconds
     terminal.conclude(rehearsal, following, is_good=not reasons_against)
 

@@ -213,7 +213,8 @@ def show_validation(terminal: Terminal, validated: Validated, campaign: Campaign
         _show_judged(terminal, validated)
         has_passed = validated.verdict.decision in {NO_LIMIT, "pass"}
         is_good = has_passed and validated.differing_verdict is None
-    terminal.conclude(validation_answer(validated), tell_next(terminal, campaign), is_good=is_good)
+    following = tell_next(terminal, campaign, evaluation=validated.evaluation)
+    terminal.conclude(validation_answer(validated), following, is_good=is_good)
 
 
 def limits_met(requirements: Sequence[Requirement]) -> str:

@@ -25,6 +25,7 @@ from campaigns.controllers.load_journal import FOUND_AGAIN, Holding, load_histor
 from campaigns.errors import LoadNotVerified, OptionsInvalid
 from campaigns.evaluation import validation
 from campaigns.evaluation.decision import NO_LIMIT
+from campaigns.evaluation.robot_scatter import RobotScatter
 from campaigns.evaluation.verdict import CampaignVerdict, ValidationVerdict
 from campaigns.evidence import Evaluation, counted_series, evaluate
 from campaigns.journal.journal import Journal, JournalReader
@@ -183,7 +184,7 @@ def evaluated_pairs(
     Raise `LoadNotVerified` if fewer than `count` pairs were measured: the figures before and after
     would be of different pairs.
     """
-    result = _evaluated(campaign, journal, series)
+    result = _evaluated(campaign, journal, series, evaluate(campaign).scatter)
     distances = result.distances
     measured = len(distances.pairs) if distances else 0
     if measured < count:
@@ -332,10 +333,12 @@ def record_validation(
     by: CalibrationRoute = "parameters",
 ) -> Validated:
     """Evaluate a validation's series, write the finding into the journal, and return the result."""
-    result = _evaluated(campaign, journal, series)
+    # The evaluation precedes the finding, which adds nothing to it but a record.
+    evaluation = evaluate(campaign)
+    result = _evaluated(campaign, journal, series, evaluation.scatter)
     body = {"stage": stage, "by": by, "series": series, **result.document()}
     journal.append(Finding("validation", body), series=series)
-    return Validated(stage, result, evaluate(campaign))
+    return Validated(stage, result, evaluation)
 
 
 def _end_load(campaign: Campaign, held: Mapping[str, float], tell: Callable[[str], None]) -> str:
@@ -358,12 +361,11 @@ def _end_load(campaign: Campaign, held: Mapping[str, float], tell: Callable[[str
 
 
 def _evaluated(
-    campaign: Campaign, journal: JournalReader, series: int
+    campaign: Campaign, journal: JournalReader, series: int, scatter: RobotScatter
 ) -> validation.ValidationResult:
-    """Return the figures of a series' accepted shots."""
+    """Return the figures of a series' accepted shots, with the robot's scatter in their U."""
     mechanism = campaign.robot.mechanism
     shots = by_stops(shots_of_journal(journal.shots(series), mechanism), mechanism.joints)
-    scatter = evaluate(campaign).scatter
     started = next(each.started for each in journal.series() if each.number == series)
     instrument = campaign.instrument_of(started).uncertainty
     return validation.evaluate_validation(shots, instrument, series, scatter)

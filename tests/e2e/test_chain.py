@@ -8,6 +8,8 @@ from command_line import Keyboard, change, contents
 from par4_space import SPACE
 from ruamel.yaml import YAML
 
+from campaigns import evidence
+from campaigns.campaign import Campaign
 from sim.scenarios.scenario import load_scenario
 
 NEXT = {"schema", "next", "before_next", "next_reason"}
@@ -62,15 +64,32 @@ def assert_is_identification(document):
             assert set(stage) == {"mean_abs", "rms", "max_abs"}
 
 
-def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, planned):
+@pytest.fixture
+def gathered(monkeypatch) -> list[Path]:
+    """Folders in the order in which they are read to be evaluated."""
+    folders: list[Path] = []
+
+    def counting(campaign: Campaign) -> evidence.Evidence:
+        folders.append(campaign.folder)
+        return gather(campaign)
+
+    gather = evidence.gather
+    monkeypatch.setattr(evidence, "gather", counting)
+    return folders
+
+
+def test_a_dry_run_finds_the_errors_and_proves_the_gain(pkmcal, planned, gathered):
     limits = load_scenario("paper-simulation").acceptance.model_dump()
     # as many shots as σ of positions needs to be decided by these limits
     change(planned / "campaign.yaml", {"acceptance": limits, "plan.shots": 36})
     assert pkmcal("plan", planned).code == 0
+    gathered.clear()
     ended = pkmcal("dry-run", planned, "--json")
     assert ended.code == 0, ended.err
     document = ended.document
     assert set(document) == DRY_RUN_KEYS
+    # after each validation, before the export, and for report, verdict and next step together
+    assert len(gathered) == 4
     assert (document["scenario"], document["seed"]) == ("paper-simulation", 1)
     assert Path(document["report"]).read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert_is_identification(document["identification"])
@@ -188,11 +207,14 @@ def test_the_question_says_what_will_move_and_with_which_devices(pkmcal, planned
     assert not (planned / "campaign.db").exists()
 
 
-def test_one_test_alone_needs_no_plan_and_a_missed_limit_before_is_only_stated(pkmcal, planned):
+def test_one_test_alone_needs_no_plan_and_a_missed_limit_before_is_only_stated(
+    pkmcal, planned, gathered
+):
     (planned / "plan.csv").unlink()
     command = ("validate", planned, "--stage", "before", "--only", "rotation", "--yes")
     ended = pkmcal("--verbose", *command, "--json")
     assert ended.code == 0, ended.err
+    assert len(gathered) == 1, "figures, verdict and next step are of one evaluation"
     assert ended.document["rotation_mm"] > 0.0
     assert ended.document["distances_mm"] is None
     assert "SIM-C-0001" in ended.err
