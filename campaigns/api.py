@@ -220,6 +220,7 @@ def identify(
         options = {each.name: getattr(options, each.name) for each in fields(options)}
     words = dict(options or {})
     words["tolerances"] = words.get("tolerances") or robot.tolerances
+    words["tolerance"] = robot.tolerance
     if words.get("workspace") is None:
         reach = robot.kinematics, robot.limits, robot.workspace_centre
         words["workspace"] = pose_sampling.sample_workspace(*reach)

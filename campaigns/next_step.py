@@ -29,7 +29,6 @@ from campaigns.evidence import Evaluation, Evidence, joints_path
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.identification import findings
 from campaigns.identification.determined import ON_PLANE
-from campaigns.identification.options import OF_SESSIONS
 from campaigns.identification.result import WITHOUT_SHOTS, RecordedIdentification
 from campaigns.journal.records import Event
 from campaigns.journal.views import Series
@@ -39,6 +38,7 @@ from campaigns.planning.plan_file import PlannedShot, plan_difference
 from campaigns.shots.import_export import ImportedFile, imported_files
 from campaigns.shots.observations_csv import FILE_NAME as OBSERVATIONS
 from campaigns.shots.shot_sets import ShotSet
+from campaigns.shots.shots import OF_SESSIONS
 from drivers.bounded_files import is_file
 from drivers.texts import as_word, quoted
 

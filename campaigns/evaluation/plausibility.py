@@ -39,12 +39,13 @@ from campaigns.evaluation.pieces import (
     spread_mm,
 )
 from campaigns.evaluation.readings import MIRRORED, Reading, each_reading, halves, joint_readings
+from campaigns.files.wording import listed
 from campaigns.fit.rigid_transforms import away_from_mean, frame_jacobian
 from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import ParameterTable
 from campaigns.robots.schema import Tolerance
 from campaigns.shots.point_words import MM_PER_UNIT, LengthUnit
-from campaigns.shots.shots import Shots
+from campaigns.shots.shots import OF_SESSIONS, Shots
 from drivers.values import DISTANCE, JOINT_ANGLE, PART_TEMPERATURE, SIGMA, TEMPERATURE, Vector3
 
 SHOTS_TO_TRY = 24
@@ -294,7 +295,7 @@ def _check_stations(robot: _Robot, shots: Shots, where: str, worst_mm: float = m
         f"{where}: {len(first) + 1} rigid pieces fit the points, one does not: the tracker stood "
         f"elsewhere from shot {' on, and again from shot '.join(map(str, first))} on",
         remedy=f"add a column session, {', '.join(sessions[:-1])} and {sessions[-1]}, and "
-        "identify --sessions",
+        f"identify {OF_SESSIONS}",
     )
 
 
@@ -359,10 +360,15 @@ def _best_readings(
 
 
 def _refusal_by(readings: Sequence[Reading], where: str) -> ShotsInvalid:
-    """Return the error that names all causes that these readings suggest, with their remedies."""
-    words = dict.fromkeys(reading.words for reading in readings)
-    remedies = dict.fromkeys(reading.remedy for reading in readings)
-    ambiguous = "correct tracker.place_mm, which decides; then " if len(remedies) > 1 else ""
+    """Return the error that names one cause of each kind, with its remedy, and how many more."""
+    ambiguous = "correct tracker.place_mm, which decides; then " if len(readings) > 1 else ""
+    words, remedies = list[str](), list[str]()
+    for of_columns in (False, True):  # many orders of a symmetrical robot fit, and one is enough
+        alike = [reading for reading in readings if bool(reading.of_columns) is of_columns]
+        if alike:
+            more = " that fit as well" if alike[1:] else ""
+            words.append(f"{listed([reading.words for reading in alike], 1)}{more}")
+            remedies.append(alike[0].remedy)
     return ShotsInvalid(
         f"{where}: {', or '.join(words)}", remedy=f"{ambiguous}{', or '.join(remedies)}"
     )
@@ -373,7 +379,9 @@ def _nearest_to(place_mm: Vector3 | None, readings: list[Reading]) -> list[Readi
 
     The most likely come first: a mirrored frame, and the half of the plate before columns.
     """
-    readings = sorted(readings, key=lambda r: (MIRRORED not in r.causes, bool(r.of_columns)))
+    readings = sorted(
+        readings, key=lambda r: (MIRRORED not in r.causes, bool(r.of_columns), r.cost)
+    )
     if place_mm is None:
         return readings
     off_mm = [math.dist(reading.tracker_mm, place_mm) for reading in readings]

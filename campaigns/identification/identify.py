@@ -55,7 +55,7 @@ from campaigns.identification.hold_out import UnseenPairs, unseen_pairs
 from campaigns.identification.known_lengths import KnownLengths, known_lengths
 from campaigns.identification.moments import in_order_of_time, stations_of
 from campaigns.identification.observations import error_model, fitted_sessions, observations_of
-from campaigns.identification.options import OF_SESSIONS, IdentificationOptions
+from campaigns.identification.options import IdentificationOptions
 from campaigns.identification.other_kinds import (
     NO_KINDS,
     KindTest,
@@ -89,8 +89,9 @@ from campaigns.identification.result import (
 )
 from campaigns.identification.stated_values import StatedValues
 from campaigns.kinematics.model import Kinematics, KinematicSolution
+from campaigns.robots.schema import Tolerance
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import Shots
+from campaigns.shots.shots import OF_SESSIONS, Shots
 
 SETTLED_TOLERANCES = 0.1
 """Distance of a settled fit from where the priors alone would put it along undetermined directions,
@@ -141,7 +142,7 @@ def require_answerable(
             remedy="leave out --model paper, or the observations",
         )
     on_robot = shots.on_robot()
-    _check(nominal, on_robot, sessions=options.sessions)
+    _check(nominal, on_robot, options.tolerance, sessions=options.sessions)
     if options.model == "paper":
         return
     at_nominal = nominal.forward(on_robot.joints, approach=on_robot.approach)
@@ -230,7 +231,7 @@ def _rows_in_time(shots: Shots, observations: Observations, *sets: ShotSet) -> I
     return rows[np.argsort(observations.moment[rows], kind="stable")]
 
 
-def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
+def _check(nominal: Kinematics, shots: Shots, tolerance: Tolerance, *, sessions: bool) -> None:
     """Refuse shots that cannot be this robot's, each session by itself where each has a frame."""
     # Points of two stations of the tracker do not lie in one frame, so together they would fit no
     # robot. If each session alone fits one, that is the cause, and no order or sign of joints.
@@ -238,14 +239,14 @@ def _check(nominal: Kinematics, shots: Shots, *, sessions: bool) -> None:
     by_session = [shots.rows(np.flatnonzero(shots.session == number)) for number in numbers]
     if sessions:
         for rows in by_session:
-            check_shots(nominal, rows, "the shots")
+            check_shots(nominal, rows, "the shots", tolerance=tolerance)
         return
     try:
-        check_shots(nominal, shots, "the shots")
+        check_shots(nominal, shots, "the shots", tolerance=tolerance)
     except ShotsInvalid:
         if len(numbers) < 2:
             raise
-        _check(nominal, shots, sessions=True)
+        _check(nominal, shots, tolerance, sessions=True)
         raise ShotsInvalid(
             f"the shots of {len(numbers)} sessions follow the joints one by one, and not together: "
             "the tracker stood elsewhere",

@@ -17,13 +17,12 @@ from campaigns.files.wording import shown, suggestion
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.kinematics.parameters import INNER, ParameterTable
+from campaigns.robots.schema import Tolerance
 from campaigns.settings.option import Option
 from campaigns.settings.sections import KnownLengthConfig
 
 QuantityWord = Literal["position", "rotation", "flat", "xy"]
 """What shots may determine."""
-OF_SESSIONS = "--sessions"
-"""Option for shots from several stations of the tracker."""
 MOST_HELD_OUT = 0.5
 LEAST_STD = 1e-6
 """Smallest 1 σ of a prior, mm, deg or ppm: a parameter known better is held with --fix."""
@@ -128,6 +127,8 @@ class IdentificationOptions:
     """Data sheet for shots of which the tracker stated nothing, and its common errors."""
     tolerances: Mapping[str, float] = field(default_factory=dict)
     """Tolerances from robot.yaml by group and unit (`rods_deg`), in mm, rad or ratios."""
+    tolerance: Tolerance = field(default_factory=Tolerance)
+    """Largest changes of the robot's parameters, by which shots are doubted."""
     limits_mm: Mapping[str, float] = field(default_factory=dict)
     """Acceptance limits of distances, `mean` and `max`, as far as there are any."""
     rotation_deg: float | None = None

@@ -35,6 +35,8 @@ from campaigns.shots.shot_sets import SHOTS_OF_A_PAIR, PairRows, ShotSet, pair_r
 from campaigns.shots.shots_csv import ShotRow, shots_text, steady_times_s, time_order, times_s
 from drivers.values import Matrix3, Pose, is_positive_definite, vector
 
+OF_SESSIONS = "--sessions"
+"""Option of `identify` for shots from several stations of the tracker."""
 IMPORTED = "imported"
 """First word of an import's note, where a tracker's raw answer stands otherwise."""
 NOTE = re.compile(

@@ -182,6 +182,7 @@ def identification_options(
         options or IdentificationOptions(),
         instrument=campaign.instrument if stated is None else stated.uncertainty,
         tolerances=campaign.robot.tolerances,
+        tolerance=campaign.robot.tolerance,
         limits_mm=campaign.config.acceptance.distances_mm,
         rotation_deg=campaign.config.acceptance.rotation_deg,
         known_lengths=campaign.config.known_lengths,

@@ -28,7 +28,6 @@ from campaigns.evaluation.plausibility import check_distances, check_shots
 from campaigns.evidence import STAGES, is_program_there, program_path
 from campaigns.identification.checking import FEWEST_SHOTS, RecordedCheck
 from campaigns.identification.observed import measured_of, objects_of
-from campaigns.identification.options import OF_SESSIONS
 from campaigns.identification.other_kinds import other_kinds
 from campaigns.identification.plausible_observations import check_observations
 from campaigns.journal.journal import Journal
@@ -49,7 +48,7 @@ from campaigns.shots.observation_records import (
 from campaigns.shots.observations_csv import ObservationRow, default_in_words, require_measured
 from campaigns.shots.point_words import LengthUnit
 from campaigns.shots.shot_sets import ShotSet
-from campaigns.shots.shots import shots_of_rows
+from campaigns.shots.shots import OF_SESSIONS, shots_of_rows
 from campaigns.shots.shots_csv import ShotRow, set_back_before, time_order
 from campaigns.shots.stops import averaged_in_words
 from campaigns.workflow import validation

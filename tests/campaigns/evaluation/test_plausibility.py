@@ -13,9 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from campaigns.errors import ShotsInvalid
 from campaigns.evaluation import joint_maps, pieces, plausibility
+from campaigns.identification.identify import require_answerable
+from campaigns.identification.options import IdentificationOptions
 from campaigns.kinematics.model import Kinematics
 from campaigns.planning.plans import PlanRequest, View, make_plan
 from campaigns.robots.robot import find_robot, pose_of, read_robot
+from campaigns.robots.schema import Tolerance
 from campaigns.shots.shots import shots_of_rows
 from campaigns.shots.shots_csv import parse_shots
 from campaigns.studies.study import planned_shots
@@ -358,6 +361,18 @@ def test_a_tracker_that_stood_elsewhere_is_told_with_the_first_shot(name, border
     assert "identify --sessions" in said
 
 
+def test_identify_doubts_by_the_tolerance_that_the_robot_file_states():
+    shots, nominal = measured("delta", share=0.0), find_robot("delta").robot.kinematics
+    points = shots.points_in_tracker_mm.copy()
+    points[20:] += 6.0
+    moved = replace(shots, points_in_tracker_mm=points)
+    stated = IdentificationOptions(tolerance=Tolerance(length_mm=0.2, angle_deg=0.1))
+    require_answerable(nominal, moved, IdentificationOptions())
+    first = shots.numbers[20]
+    with pytest.raises(ShotsInvalid, match=f"the tracker stood elsewhere from shot {first} on"):
+        require_answerable(nominal, moved, stated)
+
+
 def test_one_wrong_point_of_many_is_no_tracker_that_stood_elsewhere():
     shots = measured("delta")
     many = shots.rows(np.tile(np.arange(len(shots)), 6))
@@ -458,6 +473,14 @@ def test_reflector_on_a_half_of_an_h4_is_told_from_one_in_the_middle_of_its_cros
 )
 def test_reflector_that_is_where_the_robot_file_says_is_not_accused(name, half):
     plausibility.check_shots(on_half(name, half), measured(name, 0, 0.7, half), "shots.csv")
+
+
+def test_of_many_orders_that_fit_a_symmetrical_robot_one_is_named():
+    shots = measured("delta")
+    said = complaint("delta", replace(shots, joints=shots.joints[:, [1, 0, 2]]))
+    assert said.count("seem to stand in the order") == 1
+    assert "and 2 more that fit as well" in said
+    assert said.count("correct the header of the joints") == 1
 
 
 @pytest.mark.long
