@@ -17,7 +17,7 @@ import typer
 
 from app.console import Terminal
 from campaigns.campaign import Campaign, CampaignFolder, open_campaign, open_folder
-from campaigns.errors import OptionsInvalid
+from campaigns.errors import Interrupted, OptionsInvalid
 from campaigns.files.csv_file import spreadsheet_text
 from campaigns.files.text_file import replace_text
 from campaigns.files.wording import shown
@@ -258,6 +258,11 @@ def _run_trusting(work: Callable[[], None], terminal: Terminal | None) -> None:
     """
     try:
         work()
+    except KeyboardInterrupt as late:
+        # A further Ctrl-C, after the robot was stopped by the first one, changes nothing.
+        if isinstance(late.__context__, Interrupted):
+            raise late.__context__ from None
+        raise
     except ProgramUntrusted as error:
         question = MAY_RUN.format(problem=error.problem)
         if terminal is None or not terminal.asks(question):

@@ -5,6 +5,8 @@ import signal
 import pytest
 
 from app import interrupt
+from app.options import _run_trusting
+from campaigns.errors import Interrupted
 
 
 @pytest.fixture(autouse=True)
@@ -87,3 +89,16 @@ def test_a_signal_that_came_before_the_wait_is_not_lost():
     with interrupt.awaited_signal() as wait:
         signal.raise_signal(signal.SIGTERM)
         wait()
+
+
+def test_a_late_ctrl_c_changes_nothing_of_a_stop_that_was_made():
+    stopped = Interrupted("stopped by the operator", remedy="the same command resumes it")
+
+    def work():
+        try:
+            raise stopped
+        finally:
+            raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted):
+        _run_trusting(work, None)
