@@ -30,7 +30,7 @@ from rich.text import Text
 from app.exits import Exit, NotConfirmed
 from app.keyboard import KEYBOARD
 from app.progress import say
-from app.streams import print_document
+from app.streams import FULL_HEIGHT, print_document
 from campaigns.files.table import Column, texts
 from drivers.errors import LinkDown
 from drivers.ports import Prompt
@@ -58,10 +58,6 @@ COLUMN_GAP = 3
 def is_yes(typed: str) -> bool:
     """Return whether an answer means yes; nothing typed means no."""
     return typed.strip().lower() in {"y", "yes"}
-
-
-FULL_HEIGHT = 24
-"""Lines of a screen from which results have a table below their verdict."""
 
 
 class Terminal:

@@ -11,6 +11,7 @@
 # - `interrupted_by_signals`, around every command: they raise KeyboardInterrupt. Nothing moves.
 # - `stop_on_signals`, while devices are connected: they become a wish to stop.
 # - `asking`, inside such a block while a question is open: Ctrl-Z suspends, the others mean no.
+# - `first_stop_counts`, around a command's work: what comes after a stop changes nothing of it.
 # - `awaited_signal`, for servers: a function that waits for the signal to end.
 #
 # After SIGHUP, SIGTERM or SIGQUIT no question is asked: the terminal may be gone.
@@ -22,6 +23,7 @@ from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from types import FrameType
 
+from campaigns.errors import Interrupted
 from drivers.system import signals_of, unblock
 
 ENDING = signals_of("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT")
@@ -108,6 +110,17 @@ def interrupted_by_signals() -> Iterator[None]:
     """Let the signals that end a process raise `KeyboardInterrupt`, as Ctrl-C does already."""
     with _handling(_refuse, [number for number in ENDING if number != signal.SIGINT]):
         yield
+
+
+@contextmanager
+def first_stop_counts() -> Iterator[None]:
+    """Let a signal that comes while the block ends by a stop change nothing of that stop."""
+    try:
+        yield
+    except KeyboardInterrupt as late:
+        if isinstance(late.__context__, Interrupted):
+            raise late.__context__ from None
+        raise
 
 
 @contextmanager

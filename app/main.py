@@ -32,7 +32,7 @@ from typer.exceptions import Abort, TyperException
 
 from app.exits import Exit, exit_code
 from app.interrupt import interrupted_by_signals, unblock_signals
-from app.streams import make_streams_last, print_document
+from app.streams import FULL_HEIGHT, make_streams_last, print_document
 from campaigns.version import VERSION, commit
 from drivers.errors import ExplainedError, LinkDown, MotionFault, RobotStateUnknown
 from drivers.texts import printable, quoted, shortened
@@ -86,8 +86,6 @@ COMMANDS = {
 """Module in `app.cli`, imported when it is named, and first line of its help, by name."""
 FIRST_COMMANDS = 12
 """Of `COMMANDS`; the others are listed after them."""
-FULL_HEIGHT = 24
-"""Lines of a terminal from which the overview has its headings, and texts of more than a line."""
 
 PAGE = re.compile(r"docs/[a-z]+(?:-[a-z]+)*/([a-z-]+)\.md(#[a-z0-9-]+)?")
 """Page that an error names by its place in the docs; the command shows it wherever it is."""

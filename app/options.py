@@ -16,8 +16,9 @@ from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 import typer
 
 from app.console import Terminal
+from app.interrupt import first_stop_counts
 from campaigns.campaign import Campaign, CampaignFolder, open_campaign, open_folder
-from campaigns.errors import Interrupted, OptionsInvalid
+from campaigns.errors import OptionsInvalid
 from campaigns.files.csv_file import spreadsheet_text
 from campaigns.files.text_file import replace_text
 from campaigns.files.wording import shown
@@ -88,9 +89,9 @@ REFLECTOR_HELP = "Reflector on the plate from the controlled point, mm, if it wa
 REFLECTOR_METAVAR = "X,Y,Z"
 
 
-def for_spreadsheets(paths: Iterable[Path]) -> None:
-    """Rewrite CSV files as spreadsheets with decimal commas open them; raise `WriteFailed`."""
-    for path in paths:
+def for_spreadsheets(*paths: Path | None, excel: bool) -> None:
+    """With --excel rewrite CSV files for decimal commas; None is no file. Raise `WriteFailed`."""
+    for path in filter(None, paths) if excel else ():
         replace_text(path, spreadsheet_text(path.read_text(encoding="utf-8")))
 
 
@@ -237,7 +238,8 @@ def as_typer_command(command: Callable[..., None]) -> Callable[..., None]:
             opened = {} if folder is None else {"campaign": _opened(hints["campaign"], folder)}
             command(**arguments, **opened)
 
-        _run_trusting(work, arguments.get("terminal"))
+        with first_stop_counts():
+            _run_trusting(work, arguments.get("terminal"))
 
     # 3. Typer reads help, annotations and signature from the function that it is given
     run_command.__doc__ = command.__doc__
@@ -258,11 +260,6 @@ def _run_trusting(work: Callable[[], None], terminal: Terminal | None) -> None:
     """
     try:
         work()
-    except KeyboardInterrupt as late:
-        # A further Ctrl-C, after the robot was stopped by the first one, changes nothing.
-        if isinstance(late.__context__, Interrupted):
-            raise late.__context__ from None
-        raise
     except ProgramUntrusted as error:
         question = MAY_RUN.format(problem=error.problem)
         if terminal is None or not terminal.asks(question):

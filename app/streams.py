@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 READER_GONE = frozenset({errno.EPIPE, errno.EIO, errno.ENXIO, errno.ECONNRESET, errno.EBADF})
 """A pipe's reader has left, a terminal was closed."""
 
+FULL_HEIGHT = 24
+"""Lines of a screen that has room for headings and tables, not for what matters most alone."""
+
 
 class LastingStream(io.RawIOBase):
     """Stream that drops its bytes once the stream behind it cannot be written any more.

@@ -51,6 +51,7 @@ from campaigns.evaluation.verdict import (
     validation_verdict,
     worse_than_before,
 )
+from campaigns.files.text_file import head_of
 from campaigns.identification.checking import RecordedCheck, read_check
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.journal import JournalReader
@@ -82,8 +83,8 @@ from drivers.bounded_files import is_file, is_there
 from drivers.texts import quoted
 
 FoundT = TypeVar("FoundT")
-HEAD_BYTES = 1000
-"""Bytes at the beginning of a file that show whether it is a report."""
+REPORT_FILE = "report.html"
+"""Name of the report in a campaign's folder."""
 STAGES: Mapping[Literal["before", "after"], frozenset[Stage]] = {
     "before": frozenset({"before"}),
     "after": frozenset({"after", "after by targets"}),
@@ -467,15 +468,6 @@ def program_path(folder: Path, stage: str) -> Path:
 def joints_path(folder: Path, stage: str) -> Path:
     """Return the file of the joints of a stage's shots, for `import`."""
     return folder / f"program-{stage}-joints.csv"
-
-
-def head_of(path: Path) -> bytes:
-    """Return the beginning of a file; empty if it cannot be read."""
-    with suppress(OSError):
-        if is_file(path):
-            with path.open("rb") as file:
-                return file.read(HEAD_BYTES)
-    return b""
 
 
 def refuse_other_report(path: Path) -> None:

@@ -25,7 +25,7 @@ from campaigns.controllers.controller_state import ControllerState
 from campaigns.controllers.delta_firmware import has_firmware
 from campaigns.controllers.export import FILE_NAME
 from campaigns.evaluation.decision import NO_LIMIT, Decision
-from campaigns.evidence import Evaluation, Evidence, joints_path
+from campaigns.evidence import REPORT_FILE, Evaluation, Evidence, joints_path
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.identification import findings
 from campaigns.identification.determined import ON_PLANE
@@ -395,7 +395,7 @@ def state_of(
 
 def _is_reported(evidence: Evidence) -> bool:
     """Return whether report.html is of the journal and campaign.yaml as they are now."""
-    campaign, path = evidence.campaign, evidence.campaign.path("report.html")
+    campaign, path = evidence.campaign, evidence.campaign.path(REPORT_FILE)
     settings = campaign.path("campaign.yaml")
     if evidence.journal is None or not path.is_file():
         return False

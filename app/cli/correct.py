@@ -68,7 +68,7 @@ def command(
     path = to or poses.parent / f"{poses.stem}{CORRECTED}{poses.suffix}"
     turns = ask_turns(terminal, turns, poses, campaign.robot.mechanism.task)
     corrected = correct_file(campaign, poses, path, robot, turns=turns, overwrite=force)
-    for_spreadsheets([path] if excel else ())
+    for_spreadsheets(path, excel=excel)
     mean_mm, max_mm = corrected.correction_mm
     terminal.say(f"written: {path}")
     poses_word = "pose" if corrected.targets == 1 else "poses"

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from app.cli.report import report
-from app.console import BAD, DECISIONS, Terminal
+from app.console import BAD, Terminal
 from app.new_campaign import (
     COMPLETED_ROBOT,
     COMPLETED_SCENARIO,
@@ -22,7 +22,7 @@ from app.new_campaign import (
 from app.next import tell_next
 from app.options import Seed
 from app.rehearsal import STAGES, heading, rehearse
-from app.report.terminal_text import limits_met, say_gain, show_warnings
+from app.report.terminal_text import say_gain, say_verdict, show_warnings
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.evaluation.verdict import JUDGED_FIGURE
@@ -95,9 +95,7 @@ def _show_verdict(
 ) -> None:
     """Show the verdict on the campaign first, then its reasons and the gain."""
     verdict = evaluation.verdict
-    terminal.say(f"verdict: {verdict.decision}", DECISIONS[verdict.decision])
-    if verdict.decision == "pass":
-        terminal.say(f"  {limits_met(verdict.requirements)}")
+    say_verdict(terminal, verdict)
     for reason in reasons_against:
         terminal.say(f"  not good: {reason}", BAD)
     show_warnings(terminal, evaluation.evidence.warnings)

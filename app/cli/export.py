@@ -74,7 +74,7 @@ def command(
     left_mm = None
     if format_ == "shots":  # what was measured, not what was identified
         path, halves = exporting.export_shots(campaign, to, overwrite=force)
-        for_spreadsheets([path] if excel else ())
+        for_spreadsheets(path, excel=excel)
         if halves:
             terminal.note(f"left out because their pair is incomplete: shots {halves}")
     elif format_ == "plain":

@@ -78,7 +78,7 @@ def command(
     terminal.rows("Parameters: identified minus nominal", columns, errors)
     if csv is not None:
         replace_text(csv, parameters_csv(epochs, list(names)))
-        for_spreadsheets([csv] if excel else ())
+        for_spreadsheets(csv, excel=excel)
         terminal.say(f"written: {csv}")
     terminal.conclude({"epochs": epochs})
 

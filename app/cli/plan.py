@@ -124,7 +124,7 @@ def command(
                 remedy="leave them out",
             )
         observations = plan_without_shots(campaign, options)
-        for_spreadsheets([observations.path] if excel and observations.path else ())
+        for_spreadsheets(observations.path, excel=excel)
         show_observations(terminal, observations)
         _tell_written(terminal, observations)
         terminal.conclude(observations_answer(observations), tell_next(terminal, campaign))
@@ -133,7 +133,7 @@ def command(
         planned = plan(campaign, options, now_at)
     until_mm = None if options.until is None else read_goal(options.until)
     observed_at = planned.observations.path if planned.observations is not None else None
-    for_spreadsheets(filter(None, (campaign.plan_path, observed_at)) if excel else ())
+    for_spreadsheets(campaign.plan_path, observed_at, excel=excel)
     show(terminal, campaign, planned, until_mm)
     terminal.say(f"written: {campaign.plan_path}")
     if planned.older is not None:
@@ -171,7 +171,7 @@ def _write_programs(
     """Write the tables of poses and joints, and print their names."""
     written = write_programs(campaign, options)
     paths = [path for program in written for path in (program.path, program.joints_path)]
-    for_spreadsheets(paths if excel else ())
+    for_spreadsheets(*paths, excel=excel)
     for program in written:
         for note in program.notes:
             terminal.note(note)

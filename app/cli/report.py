@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.console import BAD, DECISIONS, WARNING, Terminal
+from app.console import BAD, WARNING, Terminal
 from app.next import tell_next, tell_who_works
 from app.options import Excel, for_spreadsheets
-from app.report.terminal_text import limits_met, say_gain, show_warnings
+from app.report.terminal_text import say_gain, say_verdict, show_warnings
 from app.report.values import COLUMNS, reported_values, values_csv
 from campaigns.campaign import Campaign, now_utc
 from campaigns.errors import OptionsInvalid, OutputExists, WriteFailed
-from campaigns.evidence import evaluate, head_of, refuse_other_report
-from campaigns.files.text_file import replace_text
+from campaigns.evidence import REPORT_FILE, evaluate, refuse_other_report
+from campaigns.files.text_file import head_of, replace_text
 from campaigns.planning.plan_file import move_aside
 from drivers.bounded_files import is_file, is_there
 from drivers.system import is_root
@@ -27,7 +27,6 @@ from drivers.system import is_root
 if TYPE_CHECKING:
     from app.report.page import Page
 
-FILE_NAME = "report.html"
 VERDICT = re.compile(rb'id="verdict" class="([a-z-]+)"')
 """Place of the verdict on a page."""
 TABLE_SUFFIX = ".csv"
@@ -74,7 +73,7 @@ def command(
     if excel and not csv:
         raise OptionsInvalid("--excel is for a CSV file", remedy="add --csv, or leave it out")
     if csv:
-        _refuse_other_table(to or campaign.path(FILE_NAME))
+        _refuse_other_table(to or campaign.path(REPORT_FILE))
     browser = find_browser() if pdf else None  # before the work: without one nothing is written
     tell_who_works(terminal, campaign)
     with terminal.telling("reading the campaign and drawing the figures"):
@@ -84,7 +83,7 @@ def command(
     if csv:
         table = path.with_suffix(TABLE_SUFFIX)
         replace_text(table, values_csv(campaign.config.name, values))
-        for_spreadsheets([table] if excel else ())
+        for_spreadsheets(table, excel=excel)
         terminal.say(f"written: {table}")
     if open_ and not webbrowser.open(path.resolve().as_uri()):
         terminal.note("no browser opens it here: copy the file to where one is", WARNING)
@@ -109,9 +108,7 @@ def command(
 def _show(terminal: Terminal, page: "Page", path: Path, former: "FormerReport | None") -> None:
     """Print a page's verdict, what stands against it, and the page's address."""
     verdict = page.evaluation.verdict
-    terminal.say(f"verdict: {verdict.decision}", DECISIONS[verdict.decision])
-    if verdict.decision == "pass":
-        terminal.say(f"  {limits_met(verdict.requirements)}")
+    say_verdict(terminal, verdict)
     # the reasons of a pass are on the page's first screen: they repeat what has passed
     if verdict.decision != "pass" or terminal.is_verbose:
         for reason in verdict.reasons:
@@ -152,7 +149,7 @@ def report(campaign: Campaign, to: Path | None = None) -> "tuple[Page, Path, For
     """
     from app.report.page import page_of  # with matplotlib, 1 s that --help need not wait for
 
-    path = to or campaign.path(FILE_NAME)
+    path = to or campaign.path(REPORT_FILE)
     refuse_other_report(path)
     page = page_of(evaluate(campaign), now_utc())
     former = _keep_former(path, page.evaluation.verdict.decision)

@@ -7,7 +7,6 @@ campaign.yaml. A page becomes a certificate if campaign.yaml asks for one and no
 that was valid for the last shot. Digests tie the page to the journal, the plan and the geometry.
 """
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -32,6 +31,7 @@ from campaigns.files.table import NOTHING, Column, Row, by_place, number, words
 from campaigns.identification.result import Frame, RecordedIdentification
 from campaigns.journal.records import Event, Rejected, SeriesStarted
 from campaigns.journal.views import Series
+from campaigns.measuring.stability_check import drift_mm
 from campaigns.settings.instrument import StatedInstrument
 from campaigns.settings.sections import CertificateConfig
 from campaigns.shots.import_export import imported_files
@@ -90,8 +90,6 @@ FRAMES: tuple[Column[tuple[str, Frame]], ...] = (
     Column("γ", lambda row: row[1].gamma_deg, "°", 4),
     Column("ψ", lambda row: row[1].psi_deg, "°", 4),
 )
-DRIFT = re.compile(r"the drift pose is ([\d.]+) mm from where it was first")
-"""Words of a visit to the drift pose in the journal."""
 INCIDENTS: tuple[Column[Incident], ...] = (
     words("time", lambda incident: moment(incident.at_utc)),
     words("series", lambda incident: str(incident.series or NOTHING)),
@@ -482,8 +480,7 @@ def _with_largest_drift(incidents: Sequence[Incident]) -> Iterator[Incident]:
 
 def _drift_mm(incident: Incident) -> float | None:
     """Return by how far a visit found the drift pose moved; None for all other incidents."""
-    drift = DRIFT.search(incident.text) if isinstance(incident.record, Event) else None
-    return None if drift is None else float(drift[1])
+    return drift_mm(incident.text) if isinstance(incident.record, Event) else None
 
 
 def provenance_section(evaluation: Evaluation) -> Section:

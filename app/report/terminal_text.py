@@ -16,6 +16,7 @@ from campaigns.evaluation.decision import NO_LIMIT, Requirement
 from campaigns.evaluation.iso_figures import cube_frame, cube_poses
 from campaigns.evaluation.summary import BeforeAfter
 from campaigns.evaluation.validation import ValidationResult
+from campaigns.evaluation.verdict import CampaignVerdict
 from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, number, texts, two_digits, words
 from campaigns.identification.findings import WRONG_SHOTS, Finding, remedy_of
@@ -63,6 +64,13 @@ def show_identification(
     for finding in judgement.findings:
         if not (finding.affects_verdict or _is_listed(finding, identification)):
             terminal.say(f"{finding.says}{' (accepted)' if finding.accepted else ''}", WARNING)
+
+
+def say_verdict(terminal: Terminal, verdict: CampaignVerdict) -> None:
+    """Say the verdict on a campaign first, and of a pass which limits are met."""
+    terminal.say(f"verdict: {verdict.decision}", DECISIONS[verdict.decision])
+    if verdict.decision == "pass":
+        terminal.say(f"  {limits_met(verdict.requirements)}")
 
 
 def show_warnings(terminal: Terminal, warnings: Iterable[str]) -> None:

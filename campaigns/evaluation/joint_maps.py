@@ -23,6 +23,7 @@ import scipy
 
 from campaigns.arrays import Array, Index
 from campaigns.evaluation.pieces import similarity_fit, spread_mm
+from campaigns.fit.rigid_transforms import away_from_mean, best_rotation
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.model import Kinematics
 from drivers.values import JOINT_ANGLE
@@ -389,10 +390,9 @@ class _Shots:
         positions = np.where(is_solved, positions, 0.0)
         middle = positions.sum(axis=1) / np.maximum(is_solved.sum(axis=1), 1)
         a = np.where(is_solved, positions - middle[:, None], 0.0)
-        b = self.points - self.points.mean(axis=0)
-        u, _, vt = np.linalg.svd(np.einsum("ni,gnj->gij", b, a))
-        u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
-        return np.asarray((b - a @ (u @ vt).swapaxes(1, 2)) / spread_mm(self.points))
+        b = away_from_mean(self.points)
+        rotations, _ = best_rotation(a, b)
+        return np.asarray((b - a @ rotations.swapaxes(1, 2)) / spread_mm(self.points))
 
     def _units(self) -> Array:
         """Return a joint's usual size (n,): 1 rad, or the points' spread."""

@@ -18,6 +18,7 @@ from itertools import pairwise
 import numpy as np
 
 from campaigns.arrays import Array, Index
+from campaigns.evaluation.decision import COVERAGE
 from campaigns.fit.rigid_transforms import (
     SHOTS_FOR_A_FRAME,
     away_from_mean,
@@ -29,9 +30,6 @@ FEWEST_SHOTS = SHOTS_FOR_A_FRAME + 1
 """Shots below which a frame explains nearly everything."""
 JUDGED_SHARE = 0.8
 """Share of the shots by which a fit is judged, so that a few gross errors do not decide."""
-COVERAGE = 2.0
-"""Ratio that decides (GUM 6.2, k = 2): a misfit is doubted from twice that of robots within their
-tolerances on, and what halves a misfit or a distance is the cause."""
 TRIMMING_ROUNDS = 5
 """Rounds of trimming: most settle in fewer, and those of wrong readings may turn in circles."""
 

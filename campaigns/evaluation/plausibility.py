@@ -5,6 +5,9 @@ agree, being in the same unit. Only the nominal robot contradicts it: its positi
 joints must be the measured points up to a rigid motion, nearly so even before any fit. How nearly
 follows from the tolerances of the robot's parameters (`right_misfit`).
 
+A misfit is doubted from `COVERAGE` times that on, and what takes as much off a misfit or a distance
+is the cause.
+
 If they are not, causes are fitted, the simplest first, and one is named only if no more remains
 then than with shots that were read rightly:
 
@@ -27,9 +30,9 @@ import numpy as np
 
 from campaigns.arrays import Array, Index
 from campaigns.errors import ShotsInvalid
+from campaigns.evaluation.decision import COVERAGE
 from campaigns.evaluation.joint_maps import Causes, JointMap, simplest_map
 from campaigns.evaluation.pieces import (
-    COVERAGE,
     FEWEST_SHOTS,
     JUDGED_SHARE,
     greater_part,
@@ -138,9 +141,10 @@ class _Robot:
         It is in parts of the points' spread; 0 if the robot cannot take a good part of the joints.
         """
         table = self.nominal.mechanism.parameters
-        solution = self.nominal.forward(joints[_to_try(len(joints))])
+        joints = joints[_to_try(len(joints))]
+        solution = self.nominal.forward(joints)
         solved = solution.is_solved
-        joints, poses = joints[_to_try(len(joints))][solved], solution.values[solved]
+        joints, poses = joints[solved], solution.values[solved]
         if len(poses) < max(FEWEST_SHOTS, JUDGED_SHARE * len(solved)):
             return 0.0
         count = len(table.names)

@@ -26,9 +26,13 @@ from drivers.bounded_files import (
     FileMissing,
     FileRefused,
     decoded,
+    is_file,
     read_bounded,
 )
 from drivers.system import IS_WINDOWS, is_open_elsewhere, problem_on_windows
+
+HEAD_BYTES = 1000
+"""Bytes at the beginning of a file that show what it is."""
 
 
 def read_text(
@@ -52,6 +56,15 @@ def read_text(
         raise invalid(error.problem, remedy=if_missing) from error
     except FileRefused as error:
         raise invalid(error.problem, remedy=error.remedy) from error
+
+
+def head_of(path: Path) -> bytes:
+    """Return the beginning of a file; empty if it cannot be read."""
+    with contextlib.suppress(OSError):
+        if is_file(path):
+            with path.open("rb") as file:
+                return file.read(HEAD_BYTES)
+    return b""
 
 
 def write_new_text(path: Path, text: str) -> None:

@@ -47,14 +47,15 @@ class Transform:
 # for R = U D V', where D = diag(1, 1, ± 1) makes det R = 1 (Umeyama 1991): a reflection would
 # otherwise come out where points are mirrored, or lie in a plane.
 def best_rotation(centred_a: Array, centred_b: Array) -> tuple[Array, Array]:
-    """Return the rotation (3, 3) that brings centred points a (N, 3) best to b, and spreads (3,).
+    """Return the rotations (…, 3, 3) that bring centred points a (…, N, 3) best to b, and spreads.
 
-    Spreads are the singular values of both together. The last is negative where a reflection would
-    fit better.
+    Spreads (…, 3) are the singular values of both together. The last is negative where a reflection
+    would fit better.
     """
-    u, spread, vt = np.linalg.svd(centred_b.T @ centred_a)
-    proper = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    return (u * proper) @ vt, spread * proper
+    u, spread, vt = np.linalg.svd(centred_b.swapaxes(-1, -2) @ centred_a)
+    proper = np.ones_like(spread)
+    proper[..., 2] = np.sign(np.linalg.det(u @ vt))
+    return (u * proper[..., None, :]) @ vt, spread * proper
 
 
 def fit_transform(points_in_a_mm: Array, points_in_b_mm: Array) -> Transform:

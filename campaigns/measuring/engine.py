@@ -39,7 +39,7 @@ from campaigns.measuring.results import (
 from campaigns.measuring.resume import ResumeState
 from campaigns.measuring.run_state import EngineState, PositionUncertainty, Wish
 from campaigns.measuring.shot_taker import ShotTaker
-from campaigns.measuring.stability_check import BEGIN_ANEW, drift_text, measure_change
+from campaigns.measuring.stability_check import BEGIN_ANEW, DRIFT, drift_text, measure_change
 from campaigns.measuring.stopping import stopping_robot
 from campaigns.measuring.stopping_rule import in_ranges, in_words, is_met, only_identifies
 from campaigns.measuring.work import Session
@@ -236,7 +236,7 @@ class Engine:
             self._first_drift_mm[outcome.reflector] = point_mm
             return None
         moved_mm = dist(self._first_drift_mm[outcome.reflector], point_mm)
-        text = drift_text("the drift pose is", moved_mm, limit_mm)
+        text = drift_text(DRIFT, moved_mm, limit_mm)
         self._log.write(Event("drift check", f"shot {outcome.shot}: {text}"))
         if moved_mm > limit_mm:
             self._log.write(Rejected(outcome.shot, outcome.attempt, text, outcome))

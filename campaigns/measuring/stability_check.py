@@ -12,6 +12,7 @@ must neither count twice in the fit nor enter the gate that rests on the poses t
 with.
 """
 
+import re
 from collections.abc import Sequence
 from functools import partial
 from math import dist
@@ -27,6 +28,8 @@ BEGIN_ANEW = (
     "shots before and after it have no common frame: mend it, then begin anew with "
     "--anew; or `pkmcal run DIR --force` goes on all the same"
 )
+DRIFT = "the drift pose is"
+_DRIFT_MM = re.compile(rf"{DRIFT} ([\d.]+) mm from where it was first")
 
 
 def measure_change(
@@ -83,6 +86,12 @@ def _measure_again(
     elif away_mm > session.work.gate.distance_mm:
         raise failure_of(result)
     return result.outcome
+
+
+def drift_mm(text: str) -> float | None:
+    """Return the distance in the words of a visit to the drift pose; None for other words."""
+    drift = _DRIFT_MM.search(text)
+    return None if drift is None else float(drift[1])
 
 
 def drift_text(what: str, moved_mm: float, limit_mm: float) -> str:

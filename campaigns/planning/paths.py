@@ -139,19 +139,16 @@ class RobotModel:
             for way, (_, there) in zip(self.safe_ways(starts, ends), moves, strict=True)
         ]
 
-    def safe_path(self, start: Array, end: Array) -> list[Array] | None:
-        """Return joint targets of a safe way, `end` the last; None if none was found.
-
-        It is straight if that is safe, else by poses between the ends and the workspace's centre.
-        """
-        return self.safe_ways(start[None], end[None])[0]
-
     def safe_paths(self, stops: Array) -> list[list[Array] | None]:
-        """Return joint targets of a safe way from each stop (K, n) to the next, as `safe_path`."""
+        """Return joint targets of a safe way from each stop (K, n) to the next, as `safe_ways`."""
         return self.safe_ways(stops[:-1], stops[1:])
 
     def safe_ways(self, starts: Array, ends: Array) -> list[list[Array] | None]:
-        """Return joint targets of a safe way of each of M pairs of ends (M, n), as `safe_path`."""
+        """Return joint targets of a safe way from each start (M, n) to its end, the last.
+
+        None stands where none was found. A way is straight if that is safe, else by poses between
+        the ends and the workspace's centre.
+        """
         if not len(starts):
             return []
         # 1. Straight moves, which most are: all of them in one batch.

@@ -71,19 +71,14 @@ def identify(
     campaign.require_journal()
     with campaign.journal() as journal:
         asked = asked_measurements(campaign, journal, options)
-        series, shots, measured, fit_options = (
-            asked.series,
-            asked.shots,
-            asked.measured,
-            asked.options,
-        )
+        series, shots, measured = asked.series, asked.shots, asked.measured
         started_s = time.perf_counter()
         result: IdentificationResult
         if shots is None:
             tell("fitting observations without a tracker")
-            result = identify_without_points(robot.kinematics, measured, fit_options)
+            result = identify_without_points(robot.kinematics, measured, asked.options)
         else:
-            result = identify_shots(robot.kinematics, shots, fit_options, tell, measured)
+            result = identify_shots(robot.kinematics, shots, asked.options, tell, measured)
         recorded = RecordedIdentification.of(
             result,
             seconds=time.perf_counter() - started_s,

@@ -18,7 +18,7 @@ from campaigns.campaign import Campaign
 from campaigns.controllers.export import FILE_NAME, PLAIN, PLAIN_FILE
 from campaigns.controllers.load_journal import load_history
 from campaigns.errors import PlanInvalid
-from campaigns.evidence import refuse_other_report
+from campaigns.evidence import REPORT_FILE, refuse_other_report
 from campaigns.files.cells import DecimalSign
 from campaigns.files.text_file import refuse_overwriting
 from campaigns.identification.identify import require_answerable
@@ -235,7 +235,7 @@ def _check_check(campaign: Campaign, words: Words) -> None:
 
 def _check_report(campaign: Campaign, _: Words) -> None:
     """Raise what `report` raises before it reads the campaign."""
-    refuse_other_report(campaign.path("report.html"))
+    refuse_other_report(campaign.path(REPORT_FILE))
 
 
 CHECKS: Mapping[str, Callable[[Campaign, Words], None]] = {

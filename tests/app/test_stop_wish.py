@@ -5,7 +5,6 @@ import signal
 import pytest
 
 from app import interrupt
-from app.options import _run_trusting
 from campaigns.errors import Interrupted
 
 
@@ -94,11 +93,11 @@ def test_a_signal_that_came_before_the_wait_is_not_lost():
 def test_a_late_ctrl_c_changes_nothing_of_a_stop_that_was_made():
     stopped = Interrupted("stopped by the operator", remedy="the same command resumes it")
 
-    def work():
+    def end_late():
         try:
             raise stopped
         finally:
             raise KeyboardInterrupt
 
-    with pytest.raises(Interrupted):
-        _run_trusting(work, None)
+    with pytest.raises(Interrupted), interrupt.first_stop_counts():
+        end_late()

@@ -23,7 +23,7 @@ def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
     return look_up
 
 
-SAFE_PATH = remembered(RobotModel.safe_path)
+SAFE_WAYS = remembered(RobotModel.legs_of)
 JUDGED_POSITIONS = remembered(uncertainty_monitor.judged_positions)
 FIT_WITH_CHANGES = remembered(uncertainty_monitor.explain)
 
@@ -31,6 +31,6 @@ FIT_WITH_CHANGES = remembered(uncertainty_monitor.explain)
 @pytest.fixture(autouse=True)
 def computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """For these tests alone: others of the process come with other robots."""
-    monkeypatch.setattr(RobotModel, "safe_path", SAFE_PATH)
+    monkeypatch.setattr(RobotModel, "legs_of", SAFE_WAYS)
     monkeypatch.setattr(uncertainty_monitor, "judged_positions", JUDGED_POSITIONS)
     monkeypatch.setattr(uncertainty_monitor, "explain", FIT_WITH_CHANGES)

@@ -92,7 +92,7 @@ def test_robot_that_was_pushed_away_is_led_from_where_it_really_stands() -> None
     cell.robot.joints = HERE
     cell.calls.clear()
     mover.go(FAR, lambda _: None)
-    legs = OPEN.safe_path(HERE, THERE)
+    legs = OPEN.legs(HERE, THERE)
     assert [call[1:] for call in moves(cell)] == [rounded_deg(leg) for leg in legs]
 
 
@@ -119,7 +119,7 @@ def test_what_hinders_a_move_is_said_before_anything_moves(
 def test_wish_to_stop_is_looked_at_before_each_leg() -> None:
     cell = FakeCell()
     cell.robot.joints = HERE
-    ends_s = np.abs(OPEN.safe_path(HERE, THERE)[0] - HERE).max() / 0.9
+    ends_s = np.abs(OPEN.legs(HERE, THERE)[0] - HERE).max() / 0.9
     cell.clock.after(ends_s, cell.wish.ask)
     with pytest.raises(Interrupted):
         go(cell, FAR)

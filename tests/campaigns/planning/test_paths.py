@@ -29,7 +29,7 @@ def joints():
 def test_a_short_way_at_the_centre_is_straight_and_none_at_all_is_safe():
     here, there = joints_at(-50, -50, -575, 0), joints_at(50, -20, -600, 0.2)
     assert OPEN.fault(here, there) is None
-    (target,) = OPEN.safe_path(here, there)
+    (target,) = OPEN.legs(here, there)
     assert (target == there).all()
     here = joints_at(0, -50, -575, 0)
     assert OPEN.fault(here, here) is None
@@ -39,7 +39,7 @@ def test_a_way_through_an_infeasible_theta_is_named_and_gone_round_within_the_li
     (low, high), faults = LIMITS.joint, faults_between(joints)
     blocked = [row for row, fault in enumerate(faults) if fault]
     assert "theta leaves its limits" in {faults[row][0] for row in blocked}
-    rounds = [OPEN.safe_path(joints[row], joints[row + 1]) for row in blocked]
+    rounds = [OPEN.legs(joints[row], joints[row + 1]) for row in blocked]
     found = [(row, way) for row, way in zip(blocked, rounds, strict=True) if way]
     assert len(found) > 0.9 * len(blocked)
     for row, way in found:
@@ -52,7 +52,7 @@ def test_every_leg_of_a_way_round_is_safe_in_between(joints):
     """Checked five times finer than the planner checks."""
     low, high = LIMITS.task[3]
     for here, there in pairwise(joints[:30]):
-        for a, b in pairwise([here, *OPEN.safe_path(here, there)]):
+        for a, b in pairwise([here, *OPEN.legs(here, there)]):
             passing = NOMINAL.forward(
                 a + np.linspace(0.0, 1.0, 100)[:, None] * (b - a)
             ).values_or_raise()
@@ -66,7 +66,7 @@ def test_a_way_round_beyond_a_joint_limit_is_not_taken():
     here, there = np.radians([[-37.5, -21.9, 69.8, 55.7], [82.9, -43.6, -39.8, 86.4]])
     middle = 0.5 * NOMINAL.forward(np.stack([here, there])).values_or_raise().sum(axis=0)
     assert np.degrees(joints_at(*middle)).min() == pytest.approx(-59.6, abs=0.1)
-    (target, end) = OPEN.safe_path(here, there)
+    (target, end) = OPEN.legs(here, there)
     assert np.degrees(target).min() > -45.0
     assert (end == there).all()
 
@@ -98,7 +98,7 @@ def test_a_way_where_the_mechanism_comes_apart_is_named_and_from_there_is_none()
     fault = OPEN.fault(here, apart)
     assert fault[0] == "the mechanism cannot be assembled"
     apart, there = np.radians([90.0, -90.0, 90.0, -90.0]), joints_at(0, -50, -575, 0)
-    assert OPEN.safe_path(apart, there) is None
+    assert OPEN.legs(apart, there) is None
 
 
 def test_bars_whose_turn_a_coordinated_move_leaves_far_behind_go_straight_in_short_legs():
@@ -110,9 +110,9 @@ def test_bars_whose_turn_a_coordinated_move_leaves_far_behind_go_straight_in_sho
     here, there = fine.inverse(ends).values_or_raise()
     model = RobotModel(fine, robot.limits, robot.workspace_centre)
     assert "theta leaves its limits" in model.fault(here, there)[0]
-    way = model.safe_path(here, there)
+    way = model.legs(here, there)
     assert way is not None
-    assert all(model.fault(one, other) is None for one, other in pairwise([here, *way]))
+    assert all(model.fault(one, other) is None for one, other in pairwise(np.array([here, *way])))
 
 
 def judged_by(name, changes, **task):

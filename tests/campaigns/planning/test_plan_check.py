@@ -131,7 +131,7 @@ def test_detours_are_counted() -> None:
     )
     checked = check(shots)
     joints = np.array([shot.joints for shot in shots])
-    ways = [OPEN.safe_path(a, b) for a, b in pairwise(joints)]
+    ways = [OPEN.legs(a, b) for a, b in pairwise(joints)]
     assert [len(way) > 1 for way in ways] == [True] * checked.detours == [True] * 3
     legs = [leg for a, way in zip(joints, ways, strict=False) for leg in pairwise([a, *way])]
     travel_rad = sum(np.abs(b - a).max() for a, b in legs)

@@ -141,7 +141,7 @@ def test_a_pillar_between_two_poses_is_passed_by_way_of_the_centre():
     here, there = joints_at(-120, 170, -600, 0), joints_at(60, 180, -600, 0)
     fault = FENCED.fault(here, there)
     assert "beyond the wall of pillar" in fault[0]
-    way = [here, *FENCED.safe_path(here, there)]
+    way = [here, *FENCED.legs(here, there)]
     assert len(way) > 2
     assert min(least_mm(FENCED.space, a, b) for a, b in pairwise(way)) > -0.02
     assert (way[-1] == there).all()
@@ -152,13 +152,13 @@ def test_a_pose_behind_a_sheet_is_planned_by_none_and_has_no_way_to_it():
     poses = np.array([[40.0, 0.0, -600.0, 0.0], [160.0, 0.0, -600.0, 0.0]])
     assert FENCED.space.allows(poses[:, :3]).all()
     assert region.allows(poses).tolist() == [True, False]
-    assert FENCED.safe_path(*(joints_at(*pose) for pose in poses)) is None
+    assert FENCED.legs(*(joints_at(*pose) for pose in poses)) is None
 
 
 def test_a_way_leads_out_of_a_forbidden_place_and_none_into_it():
     inside, there = joints_at(0, 150, -600, 0), joints_at(0, -50, -600, 0)
-    assert FENCED.safe_path(inside, there) is not None
-    assert FENCED.safe_path(there, inside) is None
+    assert FENCED.legs(inside, there) is not None
+    assert FENCED.legs(there, inside) is None
     told = FENCED.standing_fault(tuple(inside))
     assert told.startswith("the plate (radius 30 mm and margin 5 mm) is")
     assert "too near pillar" in told
@@ -172,7 +172,7 @@ def test_a_robot_beyond_a_wall_may_go_no_further():
     assert FENCED.fault(beyond, away) is None
     assert FENCED.fault(further, beyond) is None
     assert FENCED.fault(beyond, further) is not None
-    assert FENCED.safe_path(away, beyond) is None
+    assert FENCED.legs(away, beyond) is None
 
 
 def test_moves_in_a_space_are_judged_together_as_one_by_one(monkeypatch):
