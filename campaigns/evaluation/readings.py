@@ -16,10 +16,11 @@ import numpy as np
 
 from campaigns.arrays import Array
 from campaigns.evaluation.joint_maps import Causes, plain_maps
-from campaigns.evaluation.pieces import FEWEST_SHOTS, greater_part, similarity_fit
+from campaigns.evaluation.pieces import FEWEST_SHOTS, JUDGED_SHARE, greater_part, similarity_fit
 from campaigns.fit.rigid_transforms import fit_transform
 from campaigns.kinematics.model import Kinematics
 from campaigns.shots.point_words import MM_PER_UNIT, LengthUnit
+from drivers.values import JOINT_ANGLE
 
 UNITS: Mapping[LengthUnit, str] = {
     "mm": "millimetres",
@@ -83,8 +84,17 @@ def halves(nominal: Kinematics) -> Iterator[tuple[Causes, Kinematics]]:
 
 def joint_readings(nominal: Kinematics, joints: Array) -> dict[Causes, Array]:
     """Return joints (N, n) as they may be meant: in radians, of other signs, in another order."""
+    # Where most shots would have a joint beyond what any joint has, it is no reading. Degrees taken
+    # for radians are such, and the robot's model would search long for poses there.
     axes = nominal.mechanism.joints
-    return {plain.causes(axes, joints): plain.joints(joints) for plain in plain_maps(axes)}
+    most = [math.radians(JOINT_ANGLE.most) if axis.is_revolute else math.inf for axis in axes]
+    as_written, *others = ((plain, plain.joints(joints)) for plain in plain_maps(axes))
+    possible = [
+        (plain, meant)
+        for plain, meant in others
+        if (np.quantile(np.abs(meant), JUDGED_SHARE, axis=0) <= most).all()
+    ]
+    return {plain.causes(axes, joints): meant for plain, meant in (as_written, *possible)}
 
 
 def each_reading(
