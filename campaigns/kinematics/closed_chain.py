@@ -34,7 +34,7 @@ HALF_WIDTH_MM = 45.0
 accurate enough: 30 and 70 mm give the same poses within 0.2 µm."""
 CHUNK = 4096
 """Rows solved at a time, so that they stay in the processor's cache."""
-MOST_ITERATIONS = 40
+MOST_ITERATIONS = 20
 CONVERGED_MM = 1e-8
 """Step of the search below which a pose has been reached."""
 STEP_MM, TURN_STEP_MM = 120.0, 35.0
