@@ -17,7 +17,7 @@ from campaigns.journal.records import Finding
 DRIFTING = "arm2.joint_offset_deg"
 
 
-def identified_in(folder, month, later_deg=0.0):
+def identified_in(folder, month, later_deg=0.0, model="full"):
     """Return a campaign of a month, in which the offset of one joint was so much larger."""
     nominal, errors = paper_campaign.NOMINAL.robot.parameters, dict(paper_campaign.ERRORS)
     errors[DRIFTING] += later_deg
@@ -26,14 +26,14 @@ def identified_in(folder, month, later_deg=0.0):
         paper = paper_campaign.new_campaign(folder)
         paper.rng = np.random.default_rng(month)
         paper.clock = paper_campaign.Clock(datetime(2026, month, 2, tzinfo=UTC))
-        paper.run(pairs=20, unseen=3)
-        paper.identify()
+        paper.run()
+        paper.identify(model)
     return paper
 
 
 @pytest.fixture(scope="module")
 def march(tmp_path_factory):
-    """The first campaign, which the last test appends a check to."""
+    """The first campaign; leave it as it is."""
     return identified_in(tmp_path_factory.mktemp("history") / "m3", 3)
 
 
@@ -85,7 +85,7 @@ def test_parameters_of_campaigns_stand_in_a_table_by_date(pkmcal, march, tmp_pat
 def test_campaigns_of_different_robots_are_refused(pkmcal, march, tmp_path, monkeypatch):
     other_controller = replace(paper_campaign.CONTROLLER, serial="R-2")
     monkeypatch.setattr(paper_campaign, "CONTROLLER", other_controller)
-    other = identified_in(tmp_path / "m4", 4)
+    other = identified_in(tmp_path / "m4", 4, model="paper")
     refused = pkmcal("history", march.folder, other.folder)
     assert refused.code == 2
     assert "is of another robot" in refused.error_line
@@ -95,19 +95,20 @@ def test_campaigns_of_different_robots_are_refused(pkmcal, march, tmp_path, monk
     # a campaign without a serial number first hides no other robot among the later ones
     unnamed = replace(paper_campaign.CONTROLLER, serial="")
     monkeypatch.setattr(paper_campaign, "CONTROLLER", unnamed)
-    first = identified_in(tmp_path / "m5", 5)
+    first = identified_in(tmp_path / "m5", 5, model="paper")
     refused = pkmcal("history", first.folder, march.folder, other.folder)
     assert refused.code == 2
     assert "'R-2', not 'R-1'" in refused.error_line
 
 
-def test_checks_stand_beside_campaigns(pkmcal, march):
-    march.clock = paper_campaign.Clock(datetime(2026, 4, 2, tzinfo=UTC))
-    append_check(march)
-    campaign, check = pkmcal("history", march.folder, "--json").document["epochs"]
+def test_checks_stand_beside_campaigns(pkmcal, march, tmp_path):
+    april = march.copy_to(tmp_path / "m4")
+    april.clock = paper_campaign.Clock(datetime(2026, 4, 2, tzinfo=UTC))
+    append_check(april)
+    campaign, check = pkmcal("history", april.folder, "--json").document["epochs"]
     assert (campaign["kind"], check["kind"]) == ("campaign", "check")
     assert (check["decision"], check["parameters"]) == ("fail", [])
-    assert "2: the robot has changed: encoder 2" in pkmcal("history", march.folder).out
+    assert "2: the robot has changed: encoder 2" in pkmcal("history", april.folder).out
 
 
 def append_finding(paper, kind, body):
@@ -122,8 +123,8 @@ def by_older_model(paper):
     return {key: body[key] for key in body if key not in ("events", "diagnosis")}
 
 
-def test_results_of_an_older_model_are_marked_until_they_are_renewed(pkmcal, tmp_path):
-    paper = identified_in(tmp_path / "m8", 8)
+def test_results_of_an_older_model_are_marked_until_they_are_renewed(pkmcal, march, tmp_path):
+    paper = march.copy_to(tmp_path / "m8")
     table = tmp_path / "all.csv"
     assert "older model:" not in pkmcal("history", paper.folder, "--csv", table).out
     assert "(older model)" not in table.read_text(encoding="utf-8")
@@ -150,14 +151,14 @@ def test_results_of_an_older_model_are_marked_until_they_are_renewed(pkmcal, tmp
 
 def test_the_papers_method_is_no_older_model(pkmcal, tmp_path):
     paper = paper_campaign.new_campaign(tmp_path / "method")
-    paper.run(pairs=24, unseen=3)
+    paper.run()
     paper.identify("paper")
     assert "older model:" not in pkmcal("history", paper.folder).out
 
 
 def test_findings_in_another_form_are_named_and_left_out(pkmcal, tmp_path):
     paper = paper_campaign.new_campaign(tmp_path / "m9")
-    paper.run(pairs=20, unseen=3)
+    paper.run()
     old = {"schema": "pkmcal/identification/1", "series": 1, "verdict": "pass"}
     append_finding(paper, "identification", old)
     append_finding(paper, "check", {"answer": "as it was"})

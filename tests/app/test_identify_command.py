@@ -21,7 +21,7 @@ from campaigns.shots.shots_csv import ShotRow, write_shots
 from campaigns.workflow.importing import import_shots
 
 STD_MM = np.array([0.004, 0.012, 0.012])
-WRONG = (7, 50, 99)
+WRONG = (7, 50, 83)
 ERRORS = {"arm0.arm_mm": 1.0, "arm1.x_mm": -0.8, "arm2.joint_offset_deg": 0.4, "plate_mm": 0.5}
 
 
@@ -38,7 +38,7 @@ def measured(campaign, moved_mm=0.0, seed=1):
     from_everywhere = replace(campaign.view, acceptance_rad=float(np.pi))
     region = region_of(robot, from_everywhere, pose_of(campaign.centre))
     region = replace(region, limits=robot.limits)
-    joints = nominal.inverse(interior_poses(region, 160, rng)).values_or_raise()
+    joints = nominal.inverse(interior_poses(region, 120, rng)).values_or_raise()
     flat = nominal.parameters
     truth = par4(flat | {name: flat[name] + e for name, e in ERRORS.items()})
     frame = from_paper_angles(np.array([2.1, 0.02, -0.03]), np.array([2500.0, 400.0, 300.0]))
@@ -47,7 +47,7 @@ def measured(campaign, moved_mm=0.0, seed=1):
     away = rng.standard_normal((3, 3))
     points[list(WRONG)] += moved_mm * away / np.linalg.norm(away, axis=1)[:, None]
     covariance = tuple(map(tuple, np.diag(STD_MM**2).tolist()))
-    sets = [ShotSet.IDENTIFICATION] * 120 + [ShotSet.VALIDATION] * 40
+    sets = [ShotSet.IDENTIFICATION] * 90 + [ShotSet.VALIDATION] * 30
     return [
         ShotRow(row // 2, tuple(joint), tuple(point), sets[row], covariance_mm2=covariance)
         for row, (joint, point) in enumerate(zip(joints.tolist(), points.tolist(), strict=True))

@@ -2,7 +2,6 @@
 
 import re
 import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -233,8 +232,8 @@ def checked_rows(paper, joints, moved_deg=0.0):
 
 @pytest.mark.slow
 def test_a_check_is_imported_and_judged_as_a_measured_one(pkmcal, whole, tmp_path):
-    folder = shutil.copytree(whole.folder, tmp_path / "c")
-    paper = replace(whole, folder=folder, campaign=open_campaign(folder))
+    paper = whole.copy_to(tmp_path / "c")
+    folder = paper.folder
     joints = np.array([shot.joints for shot in paper.plan(8, 0)[1:-1]]) + 0.001
     good = pkmcal("import", folder, checked_rows(paper, joints), "--stage", "check", "--json")
     assert (good.code, good.document["decision"]) == (0, "pass"), good.err

@@ -21,11 +21,8 @@ def cells(path):
 
 
 @pytest.fixture(scope="module")
-def paper(tmp_path_factory):
-    campaign = new_campaign(tmp_path_factory.mktemp("sheets") / "c")
-    campaign.run(pairs=20, unseen=4)
-    campaign.identify()
-    return campaign
+def paper(whole, tmp_path_factory):
+    return whole.copy_to(tmp_path_factory.mktemp("sheets") / "c")
 
 
 def test_exported_shots_are_the_same_when_a_command_reads_them(pkmcal, paper, tmp_path):
@@ -97,13 +94,13 @@ VARIANTS = {
 def rewritten(path, variant):
     """Write a file's text in another form, beside it; return the new path."""
     text = VARIANTS[variant](path.read_text(encoding="utf-8"))
-    other = path.with_name(f"other-{path.name}")
+    other = path.with_name(f"{variant}-{path.name}")
     other.write_bytes(text if isinstance(text, bytes) else text.encode())
     return other
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_plans_shots_joints_and_targets_are_read_in_any_form(pkmcal, paper, tmp_path, variant):
+def test_plans_shots_and_joints_are_read_in_any_form(paper, tmp_path, variant):
     plan = tmp_path / "plan.csv"
     plan.write_bytes(paper.campaign.plan_path.read_bytes())
     assert read_plan(rewritten(plan, variant), MECHANISM) == read_plan(plan, MECHANISM)
@@ -117,15 +114,17 @@ def test_plans_shots_joints_and_targets_are_read_in_any_form(pkmcal, paper, tmp_
         for path in (joints, rewritten(joints, variant))
     )
     assert of_variant == of_file
-    poses = tmp_path / "poses.csv"
+
+
+def test_targets_are_read_in_any_form(pkmcal, paper, tmp_path):
+    poses, to, corrected = tmp_path / "poses.csv", tmp_path / "to", []
     poses.write_text("x_mm,y_mm,z_mm,theta_deg\n100,0.5,-600,10\n-120.5,80,-550,-20\n")
-    corrected = []
-    for path in (poses, rewritten(poses, variant)):
-        ended = pkmcal("correct", paper.folder, "--poses", path, "--to", tmp_path / "to", "--force")
+    for path in (poses, *(rewritten(poses, variant) for variant in VARIANTS)):
+        ended = pkmcal("correct", paper.folder, "--poses", path, "--to", to, "--force")
         assert ended.code == 0, ended.err
-        rows = (tmp_path / "to").read_text(encoding="utf-8").splitlines()
+        rows = to.read_text(encoding="utf-8").splitlines()
         corrected.append([row.partition(",")[2] for row in rows])  # rows may have got names
-    assert corrected[0] == corrected[1]
+    assert corrected == corrected[:1] * (1 + len(VARIANTS))
 
 
 def test_an_encoding_that_is_given_counts_for_shots(pkmcal, tmp_path):

@@ -80,11 +80,8 @@ def test_a_validation_under_way_is_said_to_be_so_with_shots_and_end(pkmcal, tmp_
 
 
 @pytest.mark.slow
-def test_a_validation_after_that_broke_off_shows_nothing_yet(pkmcal, tmp_path):
-    paper = new_campaign(tmp_path / "c")
-    paper.run()
-    paper.identify()
-    paper.export_and_load()
+def test_a_validation_after_that_broke_off_shows_nothing_yet(pkmcal, loaded, tmp_path):
+    paper = loaded.copy_to(tmp_path / "c")
     held = status(pkmcal, paper.folder)["phase"]
     assert held == "calibrated, not validated"
     paper.measure("after", paper.plan(3, 0), finished=False, planned=20)

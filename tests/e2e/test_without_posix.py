@@ -15,7 +15,6 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 SHOTS = ROOT / "tests" / "data" / "vectors" / "table1-tracker-noise.csv"
 OFFLINE = (
-    "tests/app/test_correct_command.py",
     "tests/app/test_import_command.py",
     "tests/app/test_status_command.py",
     "tests/campaigns/files/test_csv_file.py",
@@ -52,12 +51,14 @@ def commanded(*commands):
 def test_an_offline_campaign_from_its_folder_to_its_page(tmp_path):
     folder, shots = tmp_path / "first try", tmp_path / "shots.csv"
     shots.write_bytes(SHOTS.read_bytes().replace(b"\n", b"\r\n"))
+    (poses := tmp_path / "poses.csv").write_bytes(b"x_mm,y_mm,z_mm,theta_deg\r\n10,5,-575,0\r\n")
     ended = commanded(
         ("new", folder, "--offline"),
         ("plan", folder, "--shots", 30),
         ("import", folder, shots),
         ("identify", folder, "--hold-out", "20%"),
         ("export", folder),
+        ("correct", folder, "--poses", poses),
         ("status", folder),
         ("history", folder),
         ("report", folder),
@@ -69,18 +70,19 @@ def test_an_offline_campaign_from_its_folder_to_its_page(tmp_path):
     assert (ended.returncode, "Traceback" in ended.stderr) == (0, False), ended.stderr
     assert "the journal is intact" in ended.stdout
     assert (folder / "robot-compensated.yaml").read_bytes().count(b"\r") == 0
+    assert (tmp_path / "poses-corrected.csv").read_bytes().count(b"\r") == 0
     assert "σ" in (folder / "report.html").read_text(encoding="utf-8")
 
 
 def test_a_simulated_robot_is_measured_and_a_real_one_is_refused_in_a_line(planned_once, tmp_path):
     simulated = shutil.copytree(planned_once, tmp_path / "simulated")
-    ended = commanded(("run", simulated, "--yes"), ("identify", simulated))
-    assert ended.returncode == 0, ended.stderr
     urls = ("--controller", "tcp://127.0.0.1:9", "--tracker", "tcp://127.0.0.1:9")
     real = tmp_path / "real"
+    made = ("new", real, *urls), ("plan", real)
+    ended = commanded(("run", simulated, "--yes"), ("identify", simulated), *made)
+    assert ended.returncode == 0, ended.stderr
     for words in (("run", real, "--yes"), ("devices", real), ("check", real, "--yes")):
-        shutil.rmtree(real, ignore_errors=True)
-        ended = commanded(("new", real, *urls), ("plan", real), words)
+        ended = commanded(words)
         last = ended.stderr.splitlines()[-1]
         assert (ended.returncode, last.startswith("pkmcal: ")) == (2, True), ended.stderr
         assert "Linux or macOS" in last

@@ -3,7 +3,9 @@
 A campaign takes a fraction of a second, and what it must show is known.
 """
 
-from dataclasses import dataclass, field
+import copy
+import shutil
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -23,7 +25,7 @@ from campaigns.kinematics.model import Kinematics
 from campaigns.planning.plan_file import PlannedShot, plan_digest, write_plan
 from campaigns.planning.validation_plan import ISO_POSES
 from campaigns.robots.robot import find_robot, pose_of, write_new_robot
-from campaigns.settings.config import CampaignConfig, write_new_campaign
+from campaigns.settings.config import CampaignConfig, new_settings_text, write_new_campaign
 from campaigns.settings.sections import (
     AcceptanceConfig,
     ControllerConfig,
@@ -94,6 +96,14 @@ class PaperCampaign:
     def journal(self) -> Journal:
         path = self.campaign.journal_path
         return open_journal(path, now_utc=self.clock)
+
+    def copy_to(self, folder: Path, **settings: object) -> "PaperCampaign":
+        """Copy all that was done to another folder, where these settings are other ones."""
+        shutil.copytree(self.folder, folder)
+        text = new_settings_text(self.campaign.config.model_copy(update=settings))
+        (folder / "campaign.yaml").write_text(text, encoding="utf-8")
+        rng, clock = copy.deepcopy((self.rng, self.clock))
+        return replace(self, folder=folder, campaign=open_campaign(folder), rng=rng, clock=clock)
 
     def run(self, pairs: int = 40, unseen: int = 8) -> None:
         """Plan and measure pairs for identification and validation, with drift shots around."""
@@ -230,17 +240,6 @@ def new_campaign(
     )
     write_new_campaign(folder, config, NOMINAL)
     return PaperCampaign(folder, open_campaign(folder), np.random.default_rng(4))
-
-
-def whole_campaign(folder: Path, model: Model = "full", **settings: object) -> PaperCampaign:
-    """Everything done: before, run, identify, export, load, after."""
-    paper = new_campaign(folder, **settings)
-    paper.validate("before")
-    paper.run()
-    paper.identify(model)
-    paper.export_and_load()
-    paper.validate("after")
-    return paper
 
 
 def random_pose(rng: np.random.Generator) -> np.ndarray:

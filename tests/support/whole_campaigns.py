@@ -20,11 +20,24 @@ def pkmcal(capsys: pytest.CaptureFixture[str]) -> "CommandLine":
 
 
 @pytest.fixture(scope="session")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> "PaperCampaign":
-    """A campaign in which everything was done; leave it as it is."""
-    from paper_campaign import whole_campaign  # what a test of a driver need not wait for
+def loaded(tmp_path_factory: pytest.TempPathFactory) -> "PaperCampaign":
+    """A campaign up to the load: before, run, identify, export, load; leave it as it is."""
+    from paper_campaign import new_campaign  # what a test of a driver need not wait for
 
-    return whole_campaign(tmp_path_factory.mktemp("campaigns") / "whole")
+    paper = new_campaign(tmp_path_factory.mktemp("campaigns") / "loaded")
+    paper.validate("before")
+    paper.run()
+    paper.identify()
+    paper.export_and_load()
+    return paper
+
+
+@pytest.fixture(scope="session")
+def whole(loaded: "PaperCampaign") -> "PaperCampaign":
+    """A campaign in which everything was done; leave it as it is."""
+    paper = loaded.copy_to(loaded.folder.with_name("whole"))
+    paper.validate("after")
+    return paper
 
 
 @pytest.fixture(scope="session")

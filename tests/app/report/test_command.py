@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from paper_campaign import new_campaign
+from paper_campaign import PaperCampaign, new_campaign
 
 from campaigns.settings.sections import AcceptanceConfig
 from campaigns.shots.shot_sets import ShotSet
@@ -119,15 +119,10 @@ def test_a_report_that_passed_or_failed_is_kept_where_the_new_one_decides_otherw
 
 
 @pytest.fixture(scope="module")
-def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def identified(whole: PaperCampaign, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a campaign with validations and limits, of which one is met and one is not set."""
     acceptance = AcceptanceConfig(distance_mean_mm=12.5, repeatability_mm=1e-6)
-    paper = new_campaign(tmp_path_factory.mktemp("values") / "c", acceptance=acceptance)
-    paper.run(pairs=20, unseen=4)
-    paper.identify()
-    paper.validate("before")
-    paper.validate("after")
-    return paper.folder
+    return whole.copy_to(tmp_path_factory.mktemp("values") / "c", acceptance=acceptance).folder
 
 
 def rows_of(text: str, mark: str = ",") -> list[dict[str, str]]:

@@ -11,7 +11,6 @@ from paper_campaign import (
     PaperCampaign,
     new_campaign,
     validation_shots,
-    whole_campaign,
 )
 from test_certificate import WHOLE
 from test_page import page, words_of, words_on
@@ -70,10 +69,11 @@ def lacking(paper: PaperCampaign) -> str:
     return " ".join(page(paper).missing)
 
 
-def test_limits_lowered_after_the_measurement_make_no_pass_and_no_certificate(pkmcal, tmp_path):
-    paper = whole_campaign(
-        tmp_path / "c", acceptance=AcceptanceConfig(repeatability_mm=0.03), **FACTS
-    )
+def test_limits_lowered_after_the_measurement_make_no_pass_and_no_certificate(
+    pkmcal, whole, tmp_path
+):
+    limits = AcceptanceConfig(repeatability_mm=0.03)
+    paper = whole.copy_to(tmp_path / "c", acceptance=limits, **FACTS)
     paper.states_uncertainty, paper.records_settings = False, True
     paper.validate("after", frozenset({ShotSet.REPEATABILITY}))
     before, first = expanded_mm(paper), pkmcal("report", paper.folder, "--json").document
@@ -189,9 +189,9 @@ def test_a_certificate_names_tracker_environment_and_who_authorises_it(tmp_path)
         assert f"`{key}`" in lacks
 
 
-def test_a_validation_imported_again_with_less_uncertainty_does_not_pass(tmp_path):
+def test_a_validation_imported_again_with_less_uncertainty_does_not_pass(whole, tmp_path):
     limits = AcceptanceConfig(distance_mean_mm=0.045)
-    paper = whole_campaign(tmp_path / "c", acceptance=limits, **FACTS)
+    paper = whole.copy_to(tmp_path / "c", acceptance=limits, **FACTS)
     edit(paper, SOURCE)
     held = declared_set(paper.campaign, "after", paper.folder / "robot-compensated.yaml")
     rows = visits(paper)
