@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from command_line import SMALL_TESTS, change
-from filelock import FileLock
 
 from app.main import run_command
 from drivers import catalog
@@ -38,25 +37,6 @@ def impatient(monkeypatch):
     driver = replace(catalog.TRACKERS["emscon"], make=tracker)
     monkeypatch.setitem(catalog.TRACKERS, "emscon", driver)
     return monkeypatch
-
-
-@pytest.fixture(scope="session")
-def made_once(tmp_path_factory, worker_id):
-    """Makes a folder by a function of it, once for all workers of this test run."""
-    base = tmp_path_factory.getbasetemp()
-    shared = (base if worker_id == "master" else base.parent) / "made once"
-    shared.mkdir(exist_ok=True)
-
-    def made(name, make):
-        folder = shared / name
-        with FileLock(f"{folder}.lock"):
-            if not folder.exists():
-                (unfinished := shared / f"{name}.{worker_id}").mkdir()
-                make(unfinished / "small")
-                unfinished.rename(folder)
-        return folder / "small"
-
-    return made
 
 
 def ran(folder: Path, *commands: str) -> None:

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 import pytest
+from filelock import FileLock
 
 if TYPE_CHECKING:
     from command_line import CommandLine
@@ -17,6 +18,25 @@ def pkmcal(capsys: pytest.CaptureFixture[str]) -> "CommandLine":
     from command_line import CommandLine
 
     return CommandLine(capsys)
+
+
+@pytest.fixture(scope="session")
+def made_once(tmp_path_factory, worker_id):
+    """Makes a folder by a function of it, once for all workers of this test run."""
+    base = tmp_path_factory.getbasetemp()
+    shared = (base if worker_id == "master" else base.parent) / "made once"
+    shared.mkdir(exist_ok=True)
+
+    def made(name, make):
+        folder = shared / name
+        with FileLock(f"{folder}.lock"):
+            if not folder.exists():
+                (unfinished := shared / f"{name}.{worker_id}").mkdir()
+                make(unfinished / "small")
+                unfinished.rename(folder)
+        return folder / "small"
+
+    return made
 
 
 @pytest.fixture(scope="session")

@@ -22,30 +22,12 @@ import serial  # noqa: F401
 MODULES = ("fcntl", "termios", "tty", "pty", "grp", "pwd", "resource", "syslog")
 ATTRIBUTES = {
     os: (
-        "O_NOFOLLOW",
-        "O_DIRECTORY",
-        "O_NONBLOCK",
-        "O_CLOEXEC",
-        "geteuid",
-        "getpgrp",
-        "killpg",
-        "mkfifo",
-        "nice",
-        "openpty",
-        "setsid",
-        "tcgetpgrp",
-        "ttyname",
+        *("O_NOFOLLOW", "O_DIRECTORY", "O_NONBLOCK", "O_CLOEXEC", "geteuid", "getpgrp", "killpg"),
+        *("mkfifo", "nice", "openpty", "setsid", "tcgetpgrp", "ttyname"),
     ),
     signal: (
-        "SIGALRM",
-        "SIGHUP",
-        "SIGQUIT",
-        "SIGTSTP",
-        "SIGUSR1",
-        "ITIMER_REAL",
-        "setitimer",
-        "pthread_sigmask",
-        "SIG_UNBLOCK",
+        *("SIGALRM", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGUSR1", "ITIMER_REAL", "setitimer"),
+        *("pthread_sigmask", "SIG_UNBLOCK"),
     ),
 }
 OURS = r"(app|campaigns|drivers|sim|pkmcal)(\.|$)"

@@ -34,6 +34,7 @@ from campaigns.journal import database
 from campaigns.journal.journal import read_journal
 from campaigns.kinematics.catalog import PAR4
 from campaigns.kinematics.model import Kinematics
+from campaigns.planning.paths import RobotModel
 from drivers.link import Link
 from sim.cell import Cell
 from sim.clock import EventClock
@@ -270,6 +271,22 @@ def watched(ask, world):
     return asked
 
 
+WAYS = {}
+"""Faults of ways by parameters and ends: all stories have the same space and limits."""
+
+
+def remembered(faults):
+    """`RobotModel.faults`, which judges no ways twice: most commands ask for those of before."""
+
+    def faults_of(model, starts, ends):
+        key = (*model.kinematics.parameters.items(), starts.tobytes(), ends.tobytes())
+        if key not in WAYS:
+            WAYS[key] = faults(model, starts, ends)
+        return list(WAYS[key])
+
+    return faults_of
+
+
 def clearance_mm(kinematics, path):
     """Least distance of the plate from wall and pole on a path of joints (n, 4)."""
     solved = kinematics.forward(path)
@@ -329,6 +346,7 @@ def hit_by_faults(world):
     patches = disk_of(world) | {
         "app.wiring._in_process": in_process,
         "campaigns.campaign.datetime": WallClock,
+        "campaigns.planning.paths.RobotModel.faults": remembered(RobotModel.faults),
         "sys.stdin": io.StringIO(),
         "drivers.link.Link.ask": watched(Link.ask, world),
     }
@@ -434,50 +452,49 @@ STORIES = {
 }
 
 
-class Bases:
-    """Folders in which stories begin, made once."""
+def make_bases(bases):
+    """Make the folders in which stories begin, and one in which the new parameters are loaded."""
 
-    def __init__(self, scratch):
-        self.scratch, first, planned = scratch, scratch / "exported", scratch / "planned"
-        self._do("new", first, "--scenario", "paper-simulation")
-        change(first / "campaign.yaml", SETTINGS | {"plan.shots": 24, "plan.validation_pairs": 1})
-        another = {"tracker.other_reflector_mm": [900.0, 350.0, -420.0]}
-        change(first / "cell.yaml", {"speed_up": 10_000} | another)
-        for words in ("plan", "run --yes", "identify", "export --format plain --force"):
-            command, *options = words.split()
-            self._do(command, first, *options)
-        lines = ["pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm"]
-        with open_campaign(first).journal_reader() as journal:
-            for shot in journal.shots(1):
-                angles = [math.degrees(joint) for joint in shot.outcome.joints]
-                row = [shot.intent.pair, *angles, *shot.outcome.point_in_tracker_mm]
-                lines += [",".join(map(repr, row))] if row[0] is not None else []
-        (first / "shots.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-        shutil.copytree(first, planned, ignore=shutil.ignore_patterns("campaign.db*", "plan.csv"))
-        change(planned / "campaign.yaml", {"plan.shots": 8})
-        self._do("plan", planned)
-        self._do("check", shutil.copytree(first, scratch / "checked"), "--yes")
-        loaded = shutil.copytree(first, scratch / "loaded")
-        self._do("load", loaded, "--robot", loaded / "robot-plain.yaml", "--yes")
-        self.new = json.loads((loaded / "cell-memory.json").read_text(encoding="utf-8"))["geometry"]
-
-    def _do(self, *words):
+    def do(*words):
         code, said = ended(*words)
         assert code == 0, said
 
+    first, planned = bases / "exported", bases / "planned"
+    do("new", first, "--scenario", "paper-simulation")
+    change(first / "campaign.yaml", SETTINGS | {"plan.shots": 24, "plan.validation_pairs": 1})
+    another = {"tracker.other_reflector_mm": [900.0, 350.0, -420.0]}
+    change(first / "cell.yaml", {"speed_up": 10_000} | another)
+    for words in ("plan", "run --yes", "identify", "export --format plain --force"):
+        command, *options = words.split()
+        do(command, first, *options)
+    lines = ["pair,q0_deg,q1_deg,q2_deg,q3_deg,x_mm,y_mm,z_mm"]
+    with open_campaign(first).journal_reader() as journal:
+        for shot in journal.shots(1):
+            angles = [math.degrees(joint) for joint in shot.outcome.joints]
+            row = [shot.intent.pair, *angles, *shot.outcome.point_in_tracker_mm]
+            lines += [",".join(map(repr, row))] if row[0] is not None else []
+    (first / "shots.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    shutil.copytree(first, planned, ignore=shutil.ignore_patterns("campaign.db*", "plan.csv"))
+    change(planned / "campaign.yaml", {"plan.shots": 8})
+    do("plan", planned)
+    do("check", shutil.copytree(first, bases / "checked"), "--yes")
+    loaded = shutil.copytree(first, bases / "loaded")
+    do("load", loaded, "--robot", loaded / "robot-plain.yaml", "--yes")
+
 
 class Player:
-    """Plays the story of a seed; `broken` is then what must not have happened."""
+    """Plays the story of a seed in `scratch`; `broken` is then what must not have happened."""
 
-    def __init__(self, bases, seed):
+    def __init__(self, bases, scratch, seed):
         self.rng = rng = random.Random(seed)
         (self.name,) = rng.choices([*STORIES], [story.often for story in STORIES.values()])
-        self.story, self.folder = STORIES[self.name], bases.scratch / "story"
+        self.story, self.folder = STORIES[self.name], scratch / "story"
         shutil.rmtree(self.folder, ignore_errors=True)
-        shutil.copytree(bases.scratch / self.story.base, self.folder)
+        shutil.copytree(bases / self.story.base, self.folder)
         self.world = World(self.folder, rng)
         self.world.rate *= SHORT.get(self.name, 1)
-        self.old, self.new = self.world.cell.controller.geometry(), bases.new
+        memory = json.loads((bases / "loaded" / "cell-memory.json").read_text(encoding="utf-8"))
+        self.old, self.new = self.world.cell.controller.geometry(), memory["geometry"]
         self.records = rows(self.folder)
         self.first, self.codes, self.said = len(self.records), [], ""
         self.home = self.world.cell.controller.encoders(0.0)

@@ -8,12 +8,12 @@ import time
 from collections import Counter
 
 import pytest
-from faults import Bases, Player
+from faults import Player, make_bases
 
 pytestmark = [pytest.mark.torture, pytest.mark.timeout(600)]
 
-STANDING, LONG, AT_ONCE = 12, 200, 20
-"""Seeds of each run of the tests, of the long ones, and of one test."""
+STANDING, FEW, LONG, AT_ONCE = 12, 3, 200, 20
+"""Seeds of each run of the tests, of one test there; of the long ones, and of one test of these."""
 
 
 def pytest_generate_tests(metafunc):
@@ -27,19 +27,20 @@ def pytest_generate_tests(metafunc):
         parts = [range(one, one + 1)]
     elif count is None:
         long = [range(first, first + AT_ONCE) for first in range(STANDING, LONG, AT_ONCE)]
-        parts = [range(STANDING), *(pytest.param(part, marks=pytest.mark.long) for part in long)]
+        standing = [range(first, first + FEW) for first in range(0, STANDING, FEW)]
+        parts = [*standing, *(pytest.param(part, marks=pytest.mark.long) for part in long)]
     metafunc.parametrize("seeds", parts, ids=lambda part: f"{part[0]}-{part[-1]}")
 
 
 @pytest.fixture(scope="session")
-def bases(tmp_path_factory):
-    return Bases(tmp_path_factory.mktemp("bases"))
+def bases(made_once):
+    return made_once("bases", make_bases)
 
 
-def test_nothing_is_lost_mixed_up_or_hidden_and_the_work_is_completed(bases, seeds):
+def test_nothing_is_lost_mixed_up_or_hidden_and_the_work_is_completed(bases, tmp_path, seeds):
     broken, faults, shots, since_s = [], Counter(), 0, time.process_time()
     for seed in seeds:
-        played = Player(bases, seed).play()
+        played = Player(bases, tmp_path, seed).play()
         faults.update(played.world.faults)
         shots += len(played.live())
         for what in played.broken:
