@@ -44,9 +44,19 @@ def by_hand(line):
 
 
 @pytest.mark.parametrize("command", ["history", "load", "check-journal"])
-def test_a_command_is_reached_from_an_empty_campaign_by_its_hints(pkmcal, planned, command):
-    (planned / "plan.csv").unlink()
-    assert obey(pkmcal, [command, str(planned)]).code in {0, 1}
+def test_a_command_is_reached_from_an_empty_campaign_by_its_hints(
+    pkmcal, planned, measured_once, command
+):
+    (plan := planned / "plan.csv").unlink()
+
+    def soon(*words):
+        """Run a command; what `run` measures of such a plan is there already."""
+        if words[0] == "run" and plan.exists():
+            assert plan.read_bytes() == (measured_once / "plan.csv").read_bytes()
+            shutil.copytree(measured_once, planned, dirs_exist_ok=True)
+        return pkmcal(*words)
+
+    assert obey(soon, [command, str(planned)]).code in {0, 1}
 
 
 DAMAGES = {
