@@ -123,6 +123,7 @@ def by_older_model(paper):
     return {key: body[key] for key in body if key not in ("events", "diagnosis")}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_results_of_an_older_model_are_marked_until_they_are_renewed(pkmcal, march, tmp_path):
     paper = march.copy_to(tmp_path / "m8")
     table = tmp_path / "all.csv"

@@ -3,26 +3,16 @@
 import shutil
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import pytest
-from command_line import SMALL_TESTS, change
+from command_line import change, ran
 
-from app.main import run_command
 from drivers import catalog
 from drivers.emscon.client import EmsconDeadlines
 from drivers.emscon.tracker import EmsconTracker
 from drivers.robotline import LineRobot, RobotlineDeadlines
 
-SMALL = {"acceptance": {}, "plan.shots": 24, "plan.validation_pairs": 3, **SMALL_TESTS}
-"""33 shots: identification, three unseen pairs and three of drift."""
 TINY = {"plan.shots": 8, "plan.validation_pairs": 0, "plan.drift_shots": 2}
-FAST = {
-    "speed_up": 1000,
-    "controller.computes_plate_tilt": True,
-    "controller.computes_transmission": True,
-}
-"""A controller that can be given all that is identified."""
 IMPATIENT_ROBOT = RobotlineDeadlines(answer_s=0.3, stop_answer_s=0.3, standstill_s=3.0)
 IMPATIENT_TRACKER = EmsconDeadlines(answer_s=0.3, measuring_margin_s=0.3)
 
@@ -37,29 +27,6 @@ def impatient(monkeypatch):
     driver = replace(catalog.TRACKERS["emscon"], make=tracker)
     monkeypatch.setitem(catalog.TRACKERS, "emscon", driver)
     return monkeypatch
-
-
-def ran(folder: Path, *commands: str) -> None:
-    for words in commands:
-        name, *options = words.split()
-        assert run_command([name, str(folder), *options]) == 0, words
-
-
-@pytest.fixture(scope="session")
-def planned_once(made_once):
-    def make(folder):
-        ran(folder, "new --scenario paper-simulation")
-        change(folder / "campaign.yaml", SMALL)
-        change(folder / "cell.yaml", FAST)
-        ran(folder, "plan")
-
-    return made_once("planned", make)
-
-
-@pytest.fixture
-def planned(planned_once, tmp_path):
-    """A campaign with a plan, and nothing measured."""
-    return shutil.copytree(planned_once, tmp_path / "small")
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ from any_axes import Imagined, robot_file
 from command_line import SMALL_TESTS, change
 from scipy.spatial.transform import Rotation
 
-SMALL = {"plan.shots": 30, "plan.validation_pairs": 6, **SMALL_TESTS}
+SMALL = {"plan.validation_pairs": 6, **SMALL_TESTS}
 TARGETS = {
     "hexapod": (
         "name,x_mm,y_mm,z_mm,a_deg,b_deg,c_deg",
@@ -29,21 +29,21 @@ def rows_of(path):
     return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
 
 
-def planned(pkmcal, tmp_path, name):
-    """A campaign with its plan and programs."""
+def planned(pkmcal, tmp_path, name, shots):
+    """A campaign with its plan."""
     folder = tmp_path / "campaign"
     file = robot_file(tmp_path, name)
     assert pkmcal("new", folder, "--robot", file, "--offline").code == 0
     change(folder / "campaign.yaml", SMALL)
-    assert pkmcal("plan", folder).code == 0
-    ended = pkmcal("plan", folder, "--program", "csv")
-    assert ended.code == 0, ended.err
+    assert pkmcal("plan", folder, "--shots", shots).code == 0
     return folder
 
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_robot_goes_from_plan_to_report(pkmcal, tmp_path, name):
-    folder, robot = planned(pkmcal, tmp_path, name), Imagined(name)
+    folder, robot = planned(pkmcal, tmp_path, name, 30), Imagined(name)
+    ended = pkmcal("plan", folder, "--program", "csv")
+    assert ended.code == 0, ended.err
     columns = POSE_COLUMNS[name]
     poses = [each for each in rows_of(folder / "plan.csv")[0] if each[0] in "xyzr"]
     assert poses == columns
@@ -89,7 +89,7 @@ def check_corrected(rows, columns):
 
 
 def test_turns_of_unknown_order_are_asked_for_or_refused(pkmcal, tmp_path, monkeypatch):
-    folder = planned(pkmcal, tmp_path, "hexapod")
+    folder = planned(pkmcal, tmp_path, "hexapod", 8)
     shots = Imagined("hexapod").measured(folder / "plan.csv", tmp_path / "shots.csv")
     head, *lines = shots.read_text(encoding="utf-8").splitlines()
     text = "\n".join([f"{head},a_deg,b_deg,c_deg", *(f"{line},1,2,3" for line in lines)])
@@ -107,7 +107,7 @@ def test_turns_of_unknown_order_are_asked_for_or_refused(pkmcal, tmp_path, monke
 
 
 def test_turns_of_a_robot_without_three_are_refused(pkmcal, tmp_path):
-    folder = planned(pkmcal, tmp_path, "five-bar")
+    folder = planned(pkmcal, tmp_path, "five-bar", 8)
     shots = Imagined("five-bar").measured(folder / "plan.csv", tmp_path / "shots.csv")
     refused = pkmcal("import", folder, shots, "--turns", "zyx")
     assert refused.code == 2

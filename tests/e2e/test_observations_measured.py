@@ -66,26 +66,26 @@ def as_measured(rows):
     return [(row.kind, row.object, values) for row, values in zip(rows, rounded, strict=True)]
 
 
-def test_simulated_instruments_fill_the_file_and_keep_the_truth_beside(pkmcal, planned):
+def test_simulated_instruments_fill_the_file_and_keep_the_truth_beside(pkmcal, tiny):
     # where the reflector does not turn with the tool, a probe beside it is off by their distance
-    change(planned / "cell.yaml", {"robot.reflector.offset_mm": [0, 0, 0]})
-    with_observations(planned, shots=True)
-    ended = pkmcal("run", planned, "--yes", "--json")
+    change(tiny / "cell.yaml", {"robot.reflector.offset_mm": [0, 0, 0]})
+    with_observations(tiny, shots=True)
+    ended = pkmcal("run", tiny, "--yes", "--json")
     assert ended.code == 0, ended.err
     assert ended.document["observations"] == {"measured": 14, "skipped": []}
-    assert ended.err.index("has all 33 shots") < ended.err.index("measured: 14 observations")
-    assert as_measured(in_file(planned)) == as_measured(in_journal(planned))
-    assert not any(row.is_planned for row in in_file(planned))
-    kept = json.loads((planned / "cell-memory.json").read_text())["readings"]
+    assert ended.err.index("has all 10 shots") < ended.err.index("measured: 14 observations")
+    assert as_measured(in_file(tiny)) == as_measured(in_journal(tiny))
+    assert not any(row.is_planned for row in in_file(tiny))
+    kept = json.loads((tiny / "cell-memory.json").read_text())["readings"]
     assert [entry["kind"] for entry in kept] == [*PLANNED]
-    for entry, row in zip(kept, in_journal(planned), strict=True):
+    for entry, row in zip(kept, in_journal(tiny), strict=True):
         assert row.values == pytest.approx(entry["values"], abs=1e-9)
         away = np.abs(np.subtract(entry["values"], entry["true"]))[:3]
         assert 0.0 < away.max() < 5.0 * STD_MM
-    identified = pkmcal("identify", planned, "--json").document
+    identified = pkmcal("identify", tiny, "--json").document
     (of_flat,) = (row for row in identified["determined"] if row["name"] == "flat")
     assert of_flat["assumed"] < 0.5
-    assert "the journal is intact" in pkmcal("check-journal", planned).out
+    assert "the journal is intact" in pkmcal("check-journal", tiny).out
 
 
 def test_without_a_plan_observations_are_measured_alone_and_once(pkmcal, tiny):

@@ -21,6 +21,14 @@ SMALL_TESTS = {
     "validation.line_points": 3,
 }
 """Settings of a campaign's tests that are soon measured."""
+SMALL = {"acceptance": {}, "plan.shots": 24, "plan.validation_pairs": 3, **SMALL_TESTS}
+"""33 shots: identification, three unseen pairs and three of drift."""
+FAST = {
+    "speed_up": 1000,
+    "controller.computes_plate_tilt": True,
+    "controller.computes_transmission": True,
+}
+"""A controller that can be given all that is identified."""
 UNTOUCHED = ("campaign.lock", "campaign.db-wal", "campaign.db-shm")
 """Files that come and go with any work, and hold nothing of it."""
 
@@ -114,6 +122,20 @@ def change(path: Path, settings: Mapping[str, object]):
             section[key] = value
     with path.open("w", encoding="utf-8") as file:
         yaml.dump(tree, file)
+
+
+def ran(folder: Path, *commands: str) -> None:
+    for words in commands:
+        name, *options = words.split()
+        assert run_command([name, str(folder), *options]) == 0, words
+
+
+def make_planned(folder: Path) -> None:
+    """Make a campaign on a small, fast simulated cell, with its plan."""
+    ran(folder, "new --scenario paper-simulation")
+    change(folder / "campaign.yaml", SMALL)
+    change(folder / "cell.yaml", FAST)
+    ran(folder, "plan")
 
 
 def contents(folder: Path):

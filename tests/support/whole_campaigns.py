@@ -1,5 +1,6 @@
 """Whole campaigns as fixtures, made once for all tests that only read them; and commands."""
 
+import shutil
 from typing import TYPE_CHECKING
 
 import pytest
@@ -40,6 +41,19 @@ def made_once(tmp_path_factory, worker_id):
 
 
 @pytest.fixture(scope="session")
+def planned_once(made_once):
+    from command_line import make_planned
+
+    return made_once("planned", make_planned)
+
+
+@pytest.fixture
+def planned(planned_once, tmp_path):
+    """A campaign with a plan, and nothing measured."""
+    return shutil.copytree(planned_once, tmp_path / "small")
+
+
+@pytest.fixture(scope="session")
 def loaded(tmp_path_factory: pytest.TempPathFactory) -> "PaperCampaign":
     """A campaign up to the load: before, run, identify, export, load; leave it as it is."""
     from paper_campaign import new_campaign  # what a test of a driver need not wait for
@@ -58,6 +72,12 @@ def whole(loaded: "PaperCampaign") -> "PaperCampaign":
     paper = loaded.copy_to(loaded.folder.with_name("whole"))
     paper.validate("after")
     return paper
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the drawing of figures, most of a page's time, where its words are tested."""
+    monkeypatch.setattr("app.report.section.svg_text", lambda *_: "<svg></svg>")
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,6 @@ at random moments, and 99 of 100 have to be on the wire within 0.1 s.
 
 import os
 import random
-import shutil
 import signal
 import threading
 import time
@@ -15,11 +14,10 @@ from functools import partial
 
 import psutil
 import pytest
-from command_line import SMALL_TESTS, change, ended, started
+from command_line import change, ended, started
 from relay import Relay
 from served_cell import served
 
-from app.main import run_command
 from drivers.catalog import CONTROLLERS
 from drivers.robotline import LineRobot, RobotlineDeadlines
 from sim.cell import Cell
@@ -87,22 +85,6 @@ SITUATIONS = (
     Stage.with_frozen_controller,
     Stage.with_slow_controller,
 )
-
-
-@pytest.fixture(scope="module")
-def planned_once(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("stopped") / "small"
-    assert run_command(["new", str(folder), "--scenario", "paper-simulation"]) == 0
-    small = {"plan.shots": 24, "plan.validation_pairs": 3, **SMALL_TESTS}
-    change(folder / "campaign.yaml", small)
-    assert run_command(["plan", str(folder)]) == 0
-    return folder
-
-
-@pytest.fixture
-def planned(planned_once, tmp_path):
-    """A campaign with a plan, and nothing measured."""
-    return shutil.copytree(planned_once, tmp_path / "small")
 
 
 @pytest.fixture

@@ -130,6 +130,7 @@ def rows_of(text: str, mark: str = ",") -> list[dict[str, str]]:
     return [*csv.DictReader(text.splitlines(), delimiter=mark)]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_figures_of_the_page_are_rows_of_a_csv_file_and_values_of_the_document(
     pkmcal, identified: Path
 ) -> None:
@@ -172,6 +173,7 @@ WORDS = ("table", "name", "stage", "unit", "decision", "type")
 """Columns of the figures that are no numbers."""
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_figures_for_spreadsheets_have_semicolons_and_decimal_commas(
     pkmcal, identified: Path
 ) -> None:

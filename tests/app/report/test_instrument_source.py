@@ -30,6 +30,7 @@ from campaigns.workflow.importing import ImportTerms, declared_set, import_shots
 from campaigns.workflow.validation import Validated
 from drivers.texts import moment
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 FACTS = {
     "certificate": WHOLE,
     "people": PeopleConfig(operator="A. Bee", site="Hall 3"),

@@ -232,13 +232,10 @@ def test_a_few_shots_are_enough_for_a_page(
 
 
 def test_a_changed_parameter_file_takes_the_verdict_away(whole: PaperCampaign, tmp_path) -> None:
-    paper = replace(whole, folder=shutil.copytree(whole.folder, tmp_path / "good"))
-    settings = paper.folder / "campaign.yaml"
-    asked = re.sub(r"distance_mean_mm:.*", "distance_mean_mm: 0.1", settings.read_text())
-    settings.write_text(asked)
-    assert evaluate(open_campaign(paper.folder)).verdict.decision == "pass"
+    paper = whole.copy_to(tmp_path / "good", acceptance=AcceptanceConfig(distance_mean_mm=0.1))
+    assert evaluate(paper.campaign).verdict.decision == "pass"
     (paper.folder / "robot-compensated.yaml").write_text(NOMINAL.document.text)
-    verdict = evaluate(open_campaign(paper.folder)).verdict
+    verdict = evaluate(paper.campaign).verdict
     assert verdict.decision == "not decided"
     assert "parameter file does not contain the identified parameters" in " ".join(verdict.reasons)
 
@@ -323,6 +320,7 @@ def test_motions_of_the_base_are_named_and_the_datum_has_no_correlations(
     assert [what for what, _ in undetermined_rows(older)] == ["combination"] * 2
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_warning_of_the_series_stands_beside_the_verdict(evaluation: Evaluation) -> None:
     evidence = evaluation.evidence
     series = evidence.run.series.number
