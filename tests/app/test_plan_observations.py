@@ -196,7 +196,10 @@ def test_no_move_of_the_reflector_is_hidden(par4, capsys):
         ({"shots": 30, "observe": ("bed=9",)}, PlanInvalid, "too few poses for bed"),
     ],
 )
-def test_what_cannot_be_planned_is_refused_and_leaves_the_older_plan(par4, options, error, says):
+def test_what_cannot_be_planned_is_refused_and_leaves_the_older_plan(
+    par4, monkeypatch, options, error, says
+):
+    monkeypatch.setattr("campaigns.design.pose_sampling.BATCHES", 20)  # for poses out of reach
     campaign = with_objects(par4, HALF, "{name: bed, place_mm: [0, 0, 5000]}")
     campaign.plan_path.write_text("older")
     with pytest.raises(error, match=says):
