@@ -75,9 +75,8 @@ def test_an_offline_campaign_from_its_folder_to_its_page(tmp_path):
 
 
 def test_a_simulated_robot_is_measured_and_a_real_one_is_refused_in_a_line(planned_once, tmp_path):
-    simulated = shutil.copytree(planned_once, tmp_path / "simulated")
+    real, simulated = tmp_path / "real", shutil.copytree(planned_once, tmp_path / "simulated")
     urls = ("--controller", "tcp://127.0.0.1:9", "--tracker", "tcp://127.0.0.1:9")
-    real = tmp_path / "real"
     made = ("new", real, *urls), ("plan", real)
     ended = commanded(("run", simulated, "--yes"), ("identify", simulated), *made)
     assert ended.returncode == 0, ended.stderr

@@ -4,6 +4,7 @@ A campaign takes a fraction of a second, and what it must show is known.
 """
 
 import copy
+import pickle
 import shutil
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
@@ -240,6 +241,16 @@ def new_campaign(
     )
     write_new_campaign(folder, config, NOMINAL)
     return PaperCampaign(folder, open_campaign(folder), np.random.default_rng(4))
+
+
+def make_loaded(folder: Path) -> None:
+    """Do everything up to the load, and keep the campaign itself beside its folder."""
+    paper = new_campaign(folder)
+    paper.validate("before")
+    paper.run()
+    paper.identify()
+    paper.export_and_load()
+    folder.with_name("paper").write_bytes(pickle.dumps(paper))
 
 
 def random_pose(rng: np.random.Generator) -> np.ndarray:

@@ -1,10 +1,7 @@
 """A campaign whose identified set is exported, made once for all tests of controllers."""
 
-import shutil
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from paper_campaign import PaperCampaign, new_campaign
 
@@ -30,16 +27,10 @@ def exported_once(tmp_path_factory: pytest.TempPathFactory) -> PaperCampaign:
     return paper
 
 
-def copy_of(exported: PaperCampaign, folder: Path) -> PaperCampaign:
-    shutil.copytree(exported.folder, folder)
-    campaign = replace(exported.campaign, folder=folder)
-    return PaperCampaign(folder, campaign, np.random.default_rng(9))
-
-
 @pytest.fixture
 def paper(exported_once: PaperCampaign, tmp_path: Path) -> PaperCampaign:
     """A copy of it; nothing is loaded."""
-    return copy_of(exported_once, tmp_path / "paper")
+    return exported_once.copy_to(tmp_path / "paper")
 
 
 @pytest.fixture(scope="module")
@@ -47,4 +38,4 @@ def shared_paper(
     exported_once: PaperCampaign, tmp_path_factory: pytest.TempPathFactory
 ) -> PaperCampaign:
     """A copy of it for all tests of a module."""
-    return copy_of(exported_once, tmp_path_factory.mktemp("shared") / "paper")
+    return exported_once.copy_to(tmp_path_factory.mktemp("shared") / "paper")
