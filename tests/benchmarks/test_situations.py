@@ -100,6 +100,7 @@ def test_campaigns_repeat_their_figures_and_wrong_shots_are_counted(tmp_path):
 
 @pytest.mark.slow
 def test_a_robot_that_is_as_it_was_passes_its_checks_and_a_step_does_not(tmp_path):
-    came = benchmark.judge_checks("delta", 60, 1, tmp_path)
+    cells = ("clean", "encoder 0.05 from 0")
+    came = benchmark.judge_checks("delta", 60, 1, tmp_path, cells)
     assert came["clean"] == "pass"
     assert came["encoder 0.05 from 0"] == "fail part!"

@@ -24,11 +24,12 @@ def plans(tmp_path_factory):
     return tmp_path_factory.mktemp("plans")
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def measured(plans):
     """Campaigns of Par4 by a situation's words, with their plan."""
     nominal, planned, streams = find_robot("par4-prototype"), plan_of("par4", plans), Streams((5,))
 
+    @cache
     def measured(words):
         situation = Situation.parse(words)
         truth = draw_robot(nominal, situation, planned, streams)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from remembered import remembered
 
 import pkmcal
 from campaigns.errors import ConfigInvalid, OptionsInvalid, OutputExists, PlanInvalid, ShotsMissing
@@ -15,7 +16,9 @@ from campaigns.identification.options import IdentificationOptions
 from campaigns.kinematics.parameters import Role
 from campaigns.robots.robot import RobotFile
 from campaigns.robots.robot import find_robot as find_robot_file
-from pkmcal import Shots, find_robot, identify, plan, read_shots, sample_workspace, study
+from pkmcal import Shots, find_robot, plan, read_shots, sample_workspace, study
+
+identify = remembered(pkmcal.identify)
 
 
 def test_every_name_is_completed_and_there():

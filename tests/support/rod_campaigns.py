@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from remembered import remembered
 
 from benchmarks.truths import ROD_SPACING_MM, settled_points
 from campaigns.design.pose_sampling import workspace_poses
@@ -17,6 +18,7 @@ from sim.robot.transmission import Transmission
 TRACKER_FROM_BASE = from_paper_angles(
     np.array([0.02, -0.03, 2.1]), np.array([2500.0, 400.0, 300.0])
 )
+SETTLED_POINTS = remembered(settled_points)
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ class RodRobot:
     def positions(self, joints, near, approach=0.0):
         """Positions (N, 3) of the reflector, less its place on a level plate at θ = 0."""
         true = self.gears.joints(joints - self.encoder_shift) - 0.5 * self.backlash * approach
-        points = settled_points(self.rods, true, near, self.reflector_mm)
+        points = SETTLED_POINTS(self.rods, true, near, self.reflector_mm).copy()
         points[:, 2] += self.sag_mm * (points[:, 0] ** 2 + points[:, 1] ** 2) / 400.0**2
         return points
 

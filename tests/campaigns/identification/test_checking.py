@@ -47,9 +47,14 @@ def few(former, count=8, encoder_deg=0.0, seed=1):
     )
 
 
-def test_an_unchanged_robot_is_good_wherever_the_tracker_stands(former):
+def checked(former, shots):
+    """What a check by these shots says."""
     campaign, found, how = former
-    judged = check(campaign.robot.kinematics, few(former), found.uncertainty.posterior, how)
+    return check(campaign.robot.kinematics, shots, found.uncertainty.posterior, how)
+
+
+def test_an_unchanged_robot_is_good_wherever_the_tracker_stands(former):
+    judged = checked(former, few(former))
     assert judged.decision == "pass"
     assert judged.parts == ()
 
@@ -57,12 +62,11 @@ def test_an_unchanged_robot_is_good_wherever_the_tracker_stands(former):
 def test_a_moved_encoder_is_named_and_the_update_corrects_it(former):
     campaign, found, how = former
     shots = few(former, encoder_deg=0.05)
-    judged = check(campaign.robot.kinematics, shots, found.uncertainty.posterior, how)
+    judged = checked(former, shots)
     assert judged.decision == "fail"
     assert "encoder 0" in judged.parts
-    updated = update(
-        campaign.robot.kinematics, shots, found.uncertainty.posterior, how, judged.parts
-    )
+    nominal, posterior = campaign.robot.kinematics, found.uncertainty.posterior
+    updated = update(nominal, shots, posterior, how, judged.parts)
     assert updated.judgement.verdict == "pass", updated.judgement.reasons
     campaign.truth.encoder_shift[0] = np.radians(0.05)
     before_mm, after_mm = map(campaign.position_error_mm, (found, updated))
@@ -72,9 +76,7 @@ def test_a_moved_encoder_is_named_and_the_update_corrects_it(former):
 
 
 def test_too_few_shots_decide_nothing(former):
-    campaign, found, how = former
-    nominal = campaign.robot.kinematics
-    judged = check(nominal, few(former, count=4), found.uncertainty.posterior, how)
+    judged = checked(former, few(former, count=4))
     assert judged.decision == "not decided"
     assert "4 shots are too few" in judged.says
 
@@ -104,10 +106,7 @@ def test_held_parameters_and_a_former_result_with_held_ones_can_be_checked(forme
     fixed = IdentificationOptions(fix=("rods",))
     assert check(nominal, few(former), found.uncertainty.posterior, fixed).decision == "pass"
     held = identify(nominal, campaign.shots, fixed)
-    assert (
-        check(nominal, few(former), held.uncertainty.posterior, IdentificationOptions()).decision
-        == "pass"
-    )
+    assert checked((campaign, held, IdentificationOptions()), few(former)).decision == "pass"
 
 
 def test_a_result_of_another_kind_of_robot_is_refused(former):
@@ -164,10 +163,9 @@ def test_a_stand_that_was_left_shows_smaller_changes_than_a_new_one(former):
 @pytest.mark.slow
 @pytest.mark.parametrize("stand_mm", [0.03, 0.1, 0.3, 1.0, 5.0])
 def test_a_stand_that_moved_is_no_changed_robot_and_its_motion_is_stated(former, stand_mm):
-    campaign, found, how = former
     for seed in range(1, 5):
         shots, motion_mm = again(former, stand_mm=stand_mm, seed=seed)
-        judged = check(campaign.robot.kinematics, shots, found.uncertainty.posterior, how)
+        judged = checked(former, shots)
         assert (judged.decision, judged.parts) == ("pass", ())
         error_mm = abs(judged.stand_moved_mm - motion_mm)
         assert error_mm < coverage_factor(count=8) * judged.stand_moved_std_mm < 0.15
@@ -177,10 +175,9 @@ def test_a_stand_that_moved_is_no_changed_robot_and_its_motion_is_stated(former,
 @pytest.mark.slow
 @pytest.mark.parametrize("stand_mm", [0.1, 5.0])
 def test_an_encoder_that_moved_is_named_though_the_stand_moved_too(former, stand_mm):
-    campaign, found, how = former
     for seed in range(1, 5):
         shots, _ = again(former, stand_mm=stand_mm, encoder_deg=0.05, part=seed - 1, seed=seed)
-        judged = check(campaign.robot.kinematics, shots, found.uncertainty.posterior, how)
+        judged = checked(former, shots)
         assert f"encoder {seed - 1}" in judged.parts
         assert "has moved by" in judged.says
 
@@ -188,13 +185,12 @@ def test_an_encoder_that_moved_is_named_though_the_stand_moved_too(former, stand
 def test_a_new_stand_and_a_result_without_a_frame_are_checked_as_ever(former):
     campaign, found, how = former
     nominal, posterior = campaign.robot.kinematics, found.uncertainty.posterior
-    assert check(nominal, few(former), posterior, how) == check(
-        nominal, few(former), without_frame(posterior), how
-    )
+    old = without_frame(posterior)
+    assert checked(former, few(former)) == check(nominal, few(former), old, how)
     shots, _ = again(former)
     flat = fit_with_former(nominal, shots, posterior, how)
-    assert with_former_stand(flat, without_frame(posterior)) is flat
-    assert check(nominal, shots, without_frame(posterior), how).stand_moved_mm is None
+    assert with_former_stand(flat, old) is flat
+    assert check(nominal, shots, old, how).stand_moved_mm is None
 
 
 @pytest.mark.slow
@@ -210,12 +206,7 @@ def test_a_bump_and_the_slow_motion_of_a_campaign_are_in_the_frame_that_is_store
     for shift_mm, has_moved in ((0.4, False), (0.0, True)):
         now, _ = again(former)
         seen = now.points_in_tracker_mm + np.array([0.0, shift_mm, 0.0])
-        judged = check(
-            campaign.robot.kinematics,
-            replace(now, points_in_tracker_mm=seen),
-            found.uncertainty.posterior,
-            how,
-        )
+        judged = checked((campaign, found, how), replace(now, points_in_tracker_mm=seen))
         assert judged.parts == ()
         assert ("has moved by" in judged.says) is has_moved
 
@@ -223,11 +214,9 @@ def test_a_bump_and_the_slow_motion_of_a_campaign_are_in_the_frame_that_is_store
 def test_an_updated_result_is_checked_by_the_stand_of_its_update(former):
     campaign, found, how = former
     nominal, shots = campaign.robot.kinematics, again(former, encoder_deg=0.05)[0]
-    judged = check(nominal, shots, found.uncertainty.posterior, how)
+    judged = checked(former, shots)
     updated = update(nominal, shots, found.uncertainty.posterior, how, judged.parts)
-    later = check(
-        nominal, again(former, encoder_deg=0.05, seed=2)[0], updated.uncertainty.posterior, how
-    )
+    later = checked((campaign, updated, how), again(former, encoder_deg=0.05, seed=2)[0])
     assert (later.decision, later.parts) == ("pass", ())
     assert later.stand_moved_mm < 0.1
 
@@ -235,15 +224,9 @@ def test_an_updated_result_is_checked_by_the_stand_of_its_update(former):
 def test_the_misfit_of_a_stand_that_was_left_counts_the_coordinates_that_place_it(former):
     campaign, found, how = former
     nominal, posterior = campaign.robot.kinematics, found.uncertainty.posterior
-    left, moved = (
-        misfit_of(
-            with_former_stand(
-                fit_with_former(nominal, again(former, stand_mm=stand_mm)[0], posterior, how),
-                posterior,
-            )
-        )
-        for stand_mm in (0.0, 5.0)
-    )
+    shots = (again(former, stand_mm=stand_mm)[0] for stand_mm in (0.0, 5.0))
+    fits = (fit_with_former(nominal, of_stand, posterior, how) for of_stand in shots)
+    left, moved = (misfit_of(with_former_stand(fit, posterior)) for fit in fits)
     assert 18 < left.dof <= 24
     assert moved.dof == 18
     assert not any(misfit.is_significant for misfit in (left, moved))
@@ -299,18 +282,15 @@ def test_the_prior_of_new_shots_is_the_former_posterior_widened_by_the_drift(for
 
 def test_the_order_and_the_tolerances_of_a_stored_posterior_do_not_matter(former):
     campaign, found, how = former
-    nominal = campaign.robot.kinematics
-    same = fit_with_former(nominal, few(former), found.uncertainty.posterior, how)
-    other = fit_with_former(nominal, few(former), permuted(found.uncertainty.posterior), how)
+    nominal, posterior = campaign.robot.kinematics, found.uncertainty.posterior
+    same = fit_with_former(nominal, few(former), posterior, how)
+    other = fit_with_former(nominal, few(former), permuted(posterior), how)
     assert other.prior.mean == pytest.approx(same.prior.mean)
     assert other.x / same.std == pytest.approx(same.x / same.std, abs=1e-3)
     assert other.std == pytest.approx(same.std, rel=1e-4)
-    of_both = [
-        former_datum(posterior, same).projector
-        for posterior in (found.uncertainty.posterior, permuted(found.uncertainty.posterior))
-    ]
+    of_both = [former_datum(each, same).projector for each in (posterior, permuted(posterior))]
     assert of_both[0] == pytest.approx(of_both[1], abs=1e-6)
-    z = np.array(found.uncertainty.posterior.undetermined).T
+    z = np.array(posterior.undetermined).T
     assert of_both[0] @ z == pytest.approx(0.0 * z, abs=1e-7)
 
 
@@ -332,27 +312,21 @@ def test_the_misfit_is_that_of_shots_and_prior_together(former):
 
 
 def test_a_wrong_shot_of_a_check_is_named_and_decides_nothing_two_fail(former):
-    campaign, found, how = former
-    nominal, shots = campaign.robot.kinematics, few(former)
+    shots = few(former)
     points = shots.points_in_tracker_mm.copy()
     points[3] += [0.5, 0.0, 0.3]
-    one = check(
-        nominal, replace(shots, points_in_tracker_mm=points), found.uncertainty.posterior, how
-    )
+    one = checked(former, replace(shots, points_in_tracker_mm=points))
     assert (one.decision, one.wrong) == ("not decided", (shots.numbers[3],))
     assert f"shot {shots.numbers[3]} contradicts all others: measure it again" in one.says
     points[6] += [0.0, 1.0, -0.7]
-    two = check(
-        nominal, replace(shots, points_in_tracker_mm=points), found.uncertainty.posterior, how
-    )
+    two = checked(former, replace(shots, points_in_tracker_mm=points))
     assert (two.decision, two.wrong) == ("fail", (shots.numbers[3], shots.numbers[6]))
 
 
 def test_shots_that_scatter_more_than_ever_contradict_the_former_result(former):
-    campaign, found, how = former
     shots = few(former, count=12)
     noise_mm = 0.06 * np.random.default_rng(4).standard_normal(shots.points_in_tracker_mm.shape)
     scattered = replace(shots, points_in_tracker_mm=shots.points_in_tracker_mm + noise_mm)
-    judged = check(campaign.robot.kinematics, scattered, found.uncertainty.posterior, how)
+    judged = checked(former, scattered)
     assert judged.decision == "fail"
     assert judged.p < 1e-3

@@ -5,14 +5,17 @@ from functools import cache
 
 import numpy as np
 import pytest
+from remembered import remembered
 
 from benchmarks.observed_truths import BALL_MM, FIRST_MM, SECOND_MM, TrueCell
-from campaigns.api import identify, sample_workspace
+from campaigns import api
+from campaigns.api import sample_workspace
 from campaigns.errors import OptionsInvalid, ShotsMissing
 from campaigns.identification.objects import Object, linked, with_supports
 from campaigns.identification.other_kinds import other_kinds
 
 pytestmark = pytest.mark.slow
+identify = remembered(api.identify)
 
 BED = Object("bed")
 BLOCK = Object("block", on=BED, height_mm=30.0, std_mm=0.01)
@@ -111,8 +114,7 @@ def test_a_single_wrong_row_is_named(case):
 
 
 def test_rotation_is_determined_by_a_second_reflector_better_than_by_one():
-    by_name = dict(zip(NAMES, CASES, strict=True))
-    case = by_name["reflectors of a hexapod"]
+    case = CASES[NAMES.index("reflectors of a hexapod")]
     cell, _, rows = measured(case)
     alone = identify(measured(replace(case, shots=40))[1], cell.robot)
     both = quantities_of(stated_by(case, rows))["rotation"]

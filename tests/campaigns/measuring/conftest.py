@@ -1,31 +1,17 @@
 """The plans of these tests are few and run often: their ways and fits are computed once."""
 
-import pickle
-from collections.abc import Callable
-from typing import Any
+from functools import cache
 
 import pytest
+from remembered import remembered
 
 from campaigns.measuring import uncertainty_monitor
 from campaigns.planning.paths import RobotModel
 
-
-def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function, which answers equal arguments without work."""
-    results: dict[bytes, Any] = {}
-
-    def look_up(*arguments: object) -> Any:
-        key = pickle.dumps(arguments)
-        if key not in results:
-            results[key] = function(*arguments)
-        return results[key]
-
-    return look_up
-
-
 SAFE_WAYS = remembered(RobotModel.legs_of)
 JUDGED_POSITIONS = remembered(uncertainty_monitor.judged_positions)
 FIT_WITH_CHANGES = remembered(uncertainty_monitor.explain)
+AVERAGED_FIT = cache(uncertainty_monitor.integrate_sizes)
 
 
 @pytest.fixture(autouse=True)
@@ -34,3 +20,4 @@ def computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RobotModel, "legs_of", SAFE_WAYS)
     monkeypatch.setattr(uncertainty_monitor, "judged_positions", JUDGED_POSITIONS)
     monkeypatch.setattr(uncertainty_monitor, "explain", FIT_WITH_CHANGES)
+    monkeypatch.setattr(uncertainty_monitor, "integrate_sizes", AVERAGED_FIT)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from remembered import remembered
 from rod_campaigns import rod_campaign
 
 from campaigns.api import identify, sample_workspace
@@ -18,6 +19,7 @@ from campaigns.shots.shots import Shots, held_out, rows_of_shots, shots_of_rows
 from campaigns.shots.shots_csv import parse_shots, shots_text
 from campaigns.shots.stops import averaged_in_words, by_stops
 
+IDENTIFY = remembered(identify)
 ROBOTS = {name: find_robot(name).robot for name in ("delta", "linear-delta")}
 DELTA = ROBOTS["delta"].mechanism.joints
 SAMPLE_S, MOVE_S = 0.1, 4.0
@@ -241,7 +243,7 @@ def one_error_a_stop(name, jitter):
 def test_raw_samples_identify_a_robot_as_well_as_one_point_a_stop(name, jitter):
     campaign, shots, raw = one_error_a_stop(name, jitter)
     options = {"workspace": sample_workspace(campaign.robot, 30)}
-    result, once = (identify(each, campaign.robot, options=options) for each in (raw, shots))
+    result, once = (IDENTIFY(each, campaign.robot, options=options) for each in (raw, shots))
     assert (len(raw), len(result.residuals.fitted.numbers)) == (
         720,
         len(once.residuals.fitted.numbers),
