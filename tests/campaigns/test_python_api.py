@@ -200,8 +200,9 @@ def test_a_result_has_the_identified_robot_which_is_saved_and_read_back(measured
     with pytest.raises(OutputExists):
         result.robot.save(saved)
     made = robot.of(robot.mechanism, robot.parameters, name="made", limits=robot.limits)
-    for changed in (made, replace(robot, name="other"), replace(robot, tolerances={"arms_mm": 1})):
-        kept = identify(shots, changed).robot
+    renamed, changed = replace(robot, name="other"), replace(robot, tolerances={"arms_mm": 1})
+    of_others = (replace(result, nominal=renamed), replace(result, nominal=changed))
+    for kept in (each.robot for each in (identify(shots, made), *of_others)):
         assert kept.parameters["arm0.arm_mm"] != robot.parameters["arm0.arm_mm"]
         with pytest.raises(ConfigInvalid, match="made or changed in memory"):
             kept.save(tmp_path / "changed.yaml")
