@@ -98,6 +98,24 @@ class NullDirections:
 # alone determines is undetermined.
 def null_directions(fit: Fit) -> NullDirections:
     """Return the directions that neither a shot nor a known length determines."""
+    size, information = len(fit.model.names), _information_with_frames(fit)
+    marginal = marginal_information(information, size)
+    for source in fit.measured:
+        place = fit.model.names.index(source)
+        marginal[place, place] += fit.precision[place, place]
+    return _named_directions(fit, _null_vectors(marginal), information)
+
+
+def directions_kept(fit: Fit, vectors: Array) -> NullDirections:
+    """Return orthonormal directions (P, k) that are undetermined, whatever the shots of a fit say.
+
+    The fit's shots name them.
+    """
+    return _named_directions(fit, vectors, _information_with_frames(fit))
+
+
+def _information_with_frames(fit: Fit) -> Array:
+    """Return the information (Q, Q) on the parameters, the surroundings and the frames."""
     size = len(fit.model.names)
     spans = [slice(size), *_places_of_slots(fit.model), slice(len(fit.at.x), None)]
     columns = [[rows.jacobian[..., span] for span in spans] for rows in fit.rows]
@@ -110,14 +128,17 @@ def null_directions(fit: Fit) -> NullDirections:
         end = begin + span.stop - span.start
         whole[begin:end, begin:end] += fit.precision[span, span]
         begin = end
-    information = marginal_information(whole, size)
-    for source in fit.measured:
-        place = fit.model.names.index(source)
-        information[place, place] += fit.precision[place, place]
-    vectors, prior = _null_vectors(information), fit.precision[:size, :size]
-    unnamed = _without_effect(information, fit.model.names)
-    taken_back = np.linalg.solve(whole[size:, size:], whole[size:, :size] @ vectors)
-    motions = _motions(fit, vectors, taken_back[begin - size :])
+    return whole
+
+
+def _named_directions(fit: Fit, vectors: Array, information: Array) -> NullDirections:
+    """Return directions (P, k) by what takes them back, by the information with the frames."""
+    size = len(fit.model.names)
+    step = np.linalg.solve(information[size:, size:], information[size:, :size] @ vectors)
+    taken_back = np.asarray(step)[len(step) - 6 * len(fit.at.frames) :]
+    motions = _motions(fit, vectors, taken_back)
+    unnamed = _without_effect(marginal_information(information, size), fit.model.names)
+    prior = fit.precision[:size, :size]
     return NullDirections.spanned_by(vectors, fit.model.names, prior, unnamed, motions)
 
 

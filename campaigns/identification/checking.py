@@ -36,7 +36,7 @@ from campaigns.fit.events import (
 )
 from campaigns.fit.fit import Fit, Prior, fit_model, refit
 from campaigns.fit.rigid_transforms import length_with_std
-from campaigns.fit.uncertainty import NullDirections
+from campaigns.fit.uncertainty import NullDirections, directions_kept
 from campaigns.identification.findings import part_words
 from campaigns.identification.observations import error_model, observations_of
 from campaigns.identification.options import IdentificationOptions
@@ -138,12 +138,11 @@ def read_check(body: Mapping[str, JsonValue]) -> RecordedCheck:
 
 def former_datum(former: StoredPosterior, fit: Fit) -> NullDirections:
     """Return the directions that priors alone determine in a former result; updates keep them."""
-    model, size = fit.model, len(fit.model.names)
-    order, scale = _places_in(former, model)
+    order, scale = _places_in(former, fit.model)
     vectors = np.array(former.undetermined).reshape(-1, len(former.names)).T[order]
     # Tolerances may differ from the former ones: rescaled directions are no longer orthonormal.
     directions = np.linalg.qr(vectors * scale[:, None])[0]
-    return NullDirections.spanned_by(directions, model.names, fit.precision[:size, :size])
+    return directions_kept(fit, directions)
 
 
 def _drift(model: ErrorModel, changed: Sequence[str]) -> Array:

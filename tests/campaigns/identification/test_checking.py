@@ -68,6 +68,8 @@ def test_a_moved_encoder_is_named_and_the_update_corrects_it(former):
     nominal, posterior = campaign.robot.kinematics, found.uncertainty.posterior
     updated = update(nominal, shots, posterior, how, judged.parts)
     assert updated.judgement.verdict == "pass", updated.judgement.reasons
+    assert updated.value.motions == found.value.motions
+    assert sum("turn of the base" in words for words in found.value.motions) == 3
     campaign.truth.encoder_shift[0] = np.radians(0.05)
     before_mm, after_mm = map(campaign.position_error_mm, (found, updated))
     campaign.truth.encoder_shift[0] = 0.0
