@@ -1,16 +1,18 @@
 """Next command, named at the end of every command, and who else works on a campaign meanwhile."""
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from app.console import WARNING, Terminal
 from campaigns.campaign import Campaign, CampaignFolder
-from campaigns.controllers.controller_state import ControllerState
 from campaigns.errors import CampaignError
-from campaigns.evidence import Evaluation, evaluate
 from campaigns.files.lock import lock_holder
-from campaigns.next_step import NextStep, state_of
 from campaigns.settings.instrument import StatedInstrument
-from campaigns.workflow.next_hint import next_hint
+
+if TYPE_CHECKING:  # help needs no next command: the checks of all commands would be loaded for it
+    from campaigns.controllers.controller_state import ControllerState
+    from campaigns.evidence import Evaluation
+    from campaigns.next_step import NextStep
 
 BY_DEFAULT = (
     "in campaign.yaml names no data sheet: U will rest on default limits, by which no certificate "
@@ -42,15 +44,19 @@ def tell_next(
     campaign: Campaign,
     *,
     reported: bool | None = None,
-    held: ControllerState | None = None,
-    evaluation: Evaluation | None = None,
+    held: "ControllerState | None" = None,
+    evaluation: "Evaluation | None" = None,
     answered: bool = False,
-) -> NextStep | None:
+) -> "NextStep | None":
     """Print which command is next, and return it for `--json`; None if none is known.
 
     `reported` and `held` as for `state_of`; `evaluation`: the campaign's, if already made;
     `answered`: whether both devices answered just now.
     """
+    from campaigns.evidence import evaluate
+    from campaigns.next_step import state_of
+    from campaigns.workflow.next_hint import next_hint
+
     try:
         state = state_of(evaluation or evaluate(campaign), reported=reported, held=held)
         worker = lock_holder(campaign.folder)
@@ -62,7 +68,7 @@ def tell_next(
     return step and tell_step(terminal, step)
 
 
-def tell_step(terminal: Terminal, step: NextStep) -> NextStep:
+def tell_step(terminal: Terminal, step: "NextStep") -> "NextStep":
     """Print a next command, and return it."""
     for line in step.lines:
         terminal.note(line)

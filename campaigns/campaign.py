@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from pydantic import JsonValue
@@ -30,7 +30,6 @@ from campaigns.design.restricted_space import RestrictedSpace
 from campaigns.errors import ConfigInvalid, JournalFailed, ShotsMissing
 from campaigns.files.lock import campaign_lock
 from campaigns.fit.tracker_noise import TrackerUncertainty
-from campaigns.identification.result import RecordedIdentification
 from campaigns.journal.journal import Journal, JournalReader, open_journal, read_journal
 from campaigns.journal.journal_files import rescued_copies, take_rescued
 from campaigns.journal.records import SeriesStarted
@@ -46,6 +45,9 @@ from campaigns.settings.instrument import StatedInstrument
 from campaigns.settings.sections import BY_HAND, FILE, OFFLINE, SIMULATED
 from drivers.system import HAS_POSIX
 from drivers.values import vector
+
+if TYPE_CHECKING:  # most commands read no result: all of the fit would be loaded for them
+    from campaigns.identification.result import RecordedIdentification
 
 JournalT = TypeVar("JournalT", bound=JournalReader)
 
@@ -144,7 +146,7 @@ class CampaignFolder:
         keys = {"space", "known_lengths", "objects"}
         return self.config.model_dump(mode="json", include=keys, exclude_defaults=True)
 
-    def outdated(self, identification: RecordedIdentification) -> tuple[str, ...]:
+    def outdated(self, identification: "RecordedIdentification") -> tuple[str, ...]:
         """Return the keys of settings that changed since an identification was judged by them."""
         limits_mm = self.config.acceptance.distances_mm
         return identification.outdated_by(self.identification_settings, limits_mm)

@@ -33,13 +33,14 @@ from campaigns.controllers.export import (
     WrittenSet,
     compensated_robot,
     latest_identification,
+    require_usable,
     written_sets,
 )
 from campaigns.controllers.issuer import Issuer
 from campaigns.controllers.projection import position_errors, project_plain
 from campaigns.errors import IdentificationRefused, ShotsMissing, VerdictBad
 from campaigns.files.text_file import write_text_unless_there
-from campaigns.identification.result import PositionStd
+from campaigns.identification.result import PositionStd, RecordedIdentification
 from campaigns.journal.journal import JournalReader
 from campaigns.journal.records import Finding
 from campaigns.kinematics.model import Kinematics
@@ -76,18 +77,25 @@ def identified_robot(campaign: Campaign) -> RobotDocument:
     settings or the nominal robot have changed since.
     """
     with campaign.journal_reader() as journal:
-        identification = latest_identification(journal)
+        identification = usable_identification(campaign, journal)
         number = identification.provenance.series
         measured = next((s for s in journal.series() if s.number == number), None)
         issuer = issuer_of(campaign, journal)
+    controller = measured.started.robot if measured else None
+    return compensated_robot(issuer.stated(), campaign.nominal, identification, controller)
+
+
+def usable_identification(campaign: Campaign, journal: JournalReader) -> RecordedIdentification:
+    """Return the latest identification of a journal; raise what `identified_robot` does."""
+    identification = latest_identification(journal)
     if outdated := campaign.outdated(identification):
         raise VerdictBad(
             f"{', '.join(outdated)} in campaign.yaml changed since the identification, which rests "
             "on it",
             remedy="identify again, or write it as it was",
         )
-    controller = measured.started.robot if measured else None
-    return compensated_robot(issuer.stated(), campaign.nominal, identification, controller)
+    require_usable(campaign.nominal, identification)
+    return identification
 
 
 def issuer_of(campaign: Campaign, journal: JournalReader | None = None) -> Issuer:

@@ -42,7 +42,7 @@ from campaigns.shots.point_words import LengthUnit
 from campaigns.shots.shots_csv import read_shots
 from campaigns.workflow.checking import check_to_update_by, check_work
 from campaigns.workflow.correction import identified_set
-from campaigns.workflow.exporting import FIRMWARE_FILES, identified_robot
+from campaigns.workflow.exporting import FIRMWARE_FILES, usable_identification
 from campaigns.workflow.identification import asked_measurements
 from campaigns.workflow.loading import nothing_to_take_back, read_wanted
 from campaigns.workflow.observation_run import planned_observations
@@ -207,11 +207,12 @@ def _check_identification(campaign: Campaign, words: Words) -> None:
 
 def _check_export(campaign: Campaign, words: Words) -> None:
     """Raise what `export` raises before it computes a file."""
-    identified_robot(campaign)
     form = dict(pairwise(words)).get("--format")
     names = {PLAIN: PLAIN_FILE, **{str(word): name for word, name in FIRMWARE_FILES.items()}}
     file = campaign.path(names.get(form or "", FILE_NAME))
-    refuse_overwriting(file, overwrite="--force" in words)
+    refuse_overwriting(file, overwrite="--force" in words)  # first: the journal may be long
+    with campaign.journal_reader() as journal:
+        usable_identification(campaign, journal)
 
 
 def _check_load(campaign: Campaign, words: Words) -> None:

@@ -11,6 +11,8 @@ from campaigns.fit.rigid_transforms import (
     fit_transform,
     from_paper_angles,
     paper_angles_rad,
+    rotation_by,
+    rotation_vector_rad,
 )
 
 ANGLE = st.floats(-np.pi, np.pi)
@@ -68,6 +70,17 @@ def test_noise_is_shared_out_by_least_squares():
 def test_points_on_a_line_fix_no_frame(points):
     with pytest.raises(ValueError, match="one line"):
         fit_transform(points, points)
+
+
+@given(st.floats(0.0, np.pi) | st.floats(3.14159, np.pi) | st.floats(0.0, 1e-9), SEED)
+def test_turns_up_to_half_a_turn_are_those_of_scipy(angle, seed):
+    axis = np.random.default_rng(seed).normal(size=3)
+    vector = angle * axis / np.linalg.norm(axis)
+    rotation = Rotation.from_rotvec(vector)
+    assert np.abs(rotation_by(vector) - rotation.as_matrix()).max() < 4e-15
+    again = rotation_vector_rad(rotation.as_matrix())
+    assert (Rotation.from_rotvec(again) * rotation.inv()).magnitude() < 4e-15
+    assert np.linalg.norm(again) <= np.pi
 
 
 @given(ANGLE, st.floats(-1.57, 1.57), ANGLE)
