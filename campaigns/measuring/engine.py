@@ -462,10 +462,10 @@ class Engine:
 
     def _fit_shots(self) -> None:
         """Fit the shots that count as `identify` will, and show the uncertainty."""
-        # Again when the shots have grown by a quarter: σ falls with their square root. With a goal
-        # each twentieth, lest the run measures far beyond it.
+        # Again when the shots have grown by half: σ falls by a fifth, with their square root. With
+        # a goal each twentieth, lest the run measures far beyond it.
         accepted, work = self._gate.of_robot, self._work
-        self._fit_due = next_fit(len(accepted), 0.25 if work.goal_mm is None else 0.05)
+        self._fit_due = next_fit(len(accepted), 0.5 if work.goal_mm is None else 0.05)
         posterior = work.uncertainty_monitor.posterior(accepted)
         self._noise = work.noise_by(posterior)
         self._uncertainty = work.uncertainty_monitor.stated(posterior)
