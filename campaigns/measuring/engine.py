@@ -4,16 +4,14 @@ A group is a pair or a single shot, and counts only as a whole. If all attempts 
 is deferred, and tried once more at the end. After each group the operator's wishes are applied, and
 once the goal is met, groups that are not needed any more are left out.
 
-A shot is refused because it contradicts the accepted ones, which does not show which of them is
-wrong: the beam may be on another reflector now, or may have been when the first shots were taken.
-So the engine measures instead of guessing. A pose that cannot be measured is set aside, for it may
-be hidden from the tracker; several in a row are no accident of poses, and end the run.
+A refused shot may be right, and an earlier one wrong: that is found out by measuring
+(`suspects.py`). A pose that cannot be measured is set aside, for it may be hidden from the tracker;
+several in a row are no accident of poses, and end the run.
 
 Whatever ends the run early, a fault, a wish or an error of this program, the robot is stopped
 first. Only then is the end of the session written, for writing may fail.
 """
 
-from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 from math import dist, inf
@@ -21,8 +19,8 @@ from math import dist, inf
 from campaigns.errors import GateRefused, NotSettled, TargetOutOfReach
 from campaigns.evaluation.time_series import FEWEST_VISITS
 from campaigns.journal.records import BeamStart, Event, Outcome, PairVoided, Rejected
-from campaigns.measuring.beam import Beam, one_point_error, one_point_text
-from campaigns.measuring.gate import WRONG_POINT, next_fit
+from campaigns.measuring.beam import Beam
+from campaigns.measuring.gate import next_fit
 from campaigns.measuring.monitors import StationMonitor, TemperatureMonitor
 from campaigns.measuring.nests import NestPointer
 from campaigns.measuring.reference_poses import ReferencePose, pose_settling, reference_poses
@@ -42,6 +40,7 @@ from campaigns.measuring.shot_taker import ShotTaker
 from campaigns.measuring.stability_check import BEGIN_ANEW, DRIFT, drift_text, measure_change
 from campaigns.measuring.stopping import stopping_robot
 from campaigns.measuring.stopping_rule import in_ranges, in_words, is_met, only_identifies
+from campaigns.measuring.suspects import Suspects
 from campaigns.measuring.work import Session
 from campaigns.planning.steps import Group, Step, groups, shots_of
 from campaigns.shots.shot_sets import ShotSet
@@ -52,8 +51,6 @@ MOST_IN_A_ROW = 3
 """Groups one after another that cannot be measured, from which on the poses are not the cause."""
 MOST_DEFERRED = 0.2
 """Largest share of a plan's groups that may be set aside before the run ends."""
-MOST_SUSPECTS = 3
-"""Largest number of earlier shots that are measured again because of one refused shot."""
 
 
 class Engine:
@@ -67,6 +64,7 @@ class Engine:
         self._log, self._gate, self._run_state = session.log, session.gate, session.run_state
         self._beam = Beam(session, starts)
         self._shots = ShotTaker(session, self._beam, NestPointer(session, kept.kept))
+        self._suspects = Suspects(session, self._shots, self._beam, self._void_shot)
         self._plan = groups(session.work.steps)
         self._first_drift_mm = kept.first_drift_mm()
         """Point of the first drift shot of each reflector."""
@@ -77,10 +75,6 @@ class Engine:
         self._references: tuple[ReferencePose, ...] = ()
         self._deferred: list[Group] = []
         self._failed_in_a_row = 0
-        self._compared: set[int] = set()
-        """Earlier shots that were measured again to compare them."""
-        self._looked_back: Counter[int] = Counter()
-        """Number of searches for the robot's reflector, by the shot that was refused."""
         self._uncertainty: PositionUncertainty | None = None
         self._fit_due = 0
         """Number of accepted shots at which they are fitted again."""
@@ -174,10 +168,10 @@ class Engine:
                 case Lost() as lost:
                     self._defer(group, lost)
                 case Refused() as refused:
-                    wrong_groups = self._void_wrong_shots(refused.outcome)
+                    wrong_groups = self._suspects.void_wrong_shots(refused.outcome)
                     if wrong_groups is not None:
                         pending = (*wrong_groups, group, *pending)
-                    elif self._regain_reflector(refused):
+                    elif self._suspects.regain_reflector(refused):
                         pending = (group, *pending)
                     else:
                         self._defer(group, refused)
@@ -264,77 +258,6 @@ class Engine:
             report = self._log.write if len(settled) == len(visits) else self._log.announce
             report(Event("settling", text, settled))
         self._settled_visits = settled
-
-    def _void_wrong_shots(self, refused: Outcome) -> tuple[Group, ...] | None:
-        """Void accepted shots that turn out wrong because a right one was refused.
-
-        Return those of their groups that the plan still has; None if no shot is wrong. Raise
-        `GateRefused` if the beam cannot be brought back onto the robot's reflector.
-        """
-        # The certain case first, which needs no motion: accepted shots have the refused one's very
-        # point, although the robot was elsewhere. All of them are of a reflector that stands still.
-        #
-        # Otherwise a shot without which the refused one agrees with all others is measured again.
-        # It is voided only if the repetition lies elsewhere and agrees.
-        if standing := self._gate.find_standing(refused):
-            return self._void_standing(refused, standing)
-        for suspect in self._gate.find_suspects(refused)[:MOST_SUSPECTS]:
-            if (reason := self._measure_suspect(suspect, refused)) is not None:
-                return (self._void_shot(suspect, reason),)
-        return None
-
-    def _regain_reflector(self, refused: Refused) -> bool:
-        """Bring robot and beam together at a pose before; return whether that has succeeded.
-
-        False also if a reflector was found where this pose's should be, or too many searches for
-        this shot have not helped.
-        """
-        shot = refused.outcome.shot
-        if refused.relocked or self._looked_back[shot] >= self._work.gate.attempts - 1:
-            return False
-        self._looked_back[shot] += 1
-        return self._beam.look_back()
-
-    def _void_standing(self, refused: Outcome, standing: Sequence[Outcome]) -> tuple[Group, ...]:
-        """Void shots of a reflector that stands elsewhere, and look for the robot's.
-
-        Return the groups of the voided shots that the plan still has. Raise `GateRefused` if the
-        robot's reflector is not found.
-        """
-        same_point = (*standing, refused)
-        reason = f"{one_point_text(same_point)}: a reflector that stands elsewhere"
-        voided: list[Group] = []
-        for shot in standing:
-            # A shot that counts no more was voided with its partner. A group is () if its row was
-            # removed from the plan.
-            if shot in self._gate.accepted and (group := self._void_shot(shot, reason)):
-                voided.append(group)
-        if not self._beam.look_back(refused.point_in_tracker_mm):
-            raise one_point_error(same_point)
-        return tuple(voided)
-
-    def _measure_suspect(self, suspect: Outcome, refused: Outcome) -> str | None:
-        """Measure a suspect again, once; return why it is wrong, None if it is not."""
-        step = next((s for s in self._work.steps if s.planned.shot == suspect.shot), None)
-        # There is no step if its row was removed from the plan. Once in a session, or two shots
-        # that accuse each other would be measured for ever.
-        if step is None or suspect.shot in self._compared:
-            return None
-        self._compared.add(suspect.shot)
-        # Not judged: the gate rests on the suspect itself, and would refuse a right repetition.
-        result = self._shots.retry(partial(self._shots.take, step, is_judged=False))
-        if not isinstance(result, Accepted):
-            return None
-        repeat = result.outcome
-        away_mm = dist(suspect.point_in_tracker_mm, repeat.point_in_tracker_mm)
-        # The repetition itself never counts: both shots of a pair have to be of one time, so that
-        # the suspect's whole group is measured again if it is voided.
-        self._shots.compare_only(
-            repeat, f"only compared with the one before, {away_mm:.3f} mm away"
-        )
-        reason = f"{WRONG_POINT}: measured again it is {away_mm:.1f} mm away"
-        is_replaced = self._gate.is_replaced_by(repeat, suspect, refused)
-        return f"{reason}, where shot {refused.shot} agrees with it" if is_replaced else None
 
     def _defer(self, group: Group, failure: Refused | Lost) -> None:
         """Leave a group for the end; raise the failure's error if too many groups fail."""

@@ -44,18 +44,30 @@ class UncertaintyMonitor:
         self._model = error_model(robot.kinematics, None, options)
         otherwise = poses_of(tuple(self._planned.values())).reshape(-1, len(robot.centre))
         self._judged = judged_positions(self._model, robot, otherwise)
+        self._last: tuple[list[Outcome], Fit | None] | None = None
+        """Shots fitted last, and their fit."""
 
     def fitted(self, outcomes: Iterable[Outcome]) -> PositionUncertainty | None:
         """Fit accepted shots; return the uncertainty as `identify` states it, None for too few."""
         return self.stated(self.posterior(outcomes))
 
     def posterior(self, outcomes: Iterable[Outcome]) -> Fit | None:
-        """Fit the accepted shots to identify from; return None for too few of them."""
+        """Fit the accepted shots to identify from; return None for too few of them.
+
+        The same shots as at the last call have the same fit.
+        """
+        to_identify = [outcome for outcome in outcomes if self._is_to_identify(outcome)]
+        if self._last is None or self._last[0] != to_identify:
+            self._last = (to_identify, self._fit(to_identify))
+        return self._last[1]
+
+    def _fit(self, outcomes: Sequence[Outcome]) -> Fit | None:
+        """Fit shots to identify from; return None for too few, or if they place no frame."""
         # Shots whose joints no pose fits are left out, as `identify` leaves them out. A fit that
         # has not converged states no uncertainty: its covariance would belong to other parameters.
-        shots = self._make_shots([o for o in outcomes if self._is_to_identify(o)])
-        if len(shots) < FEWEST_SHOTS:
+        if len(outcomes) < FEWEST_SHOTS:
             return None
+        shots = self._make_shots(outcomes)
         solution = self._model.nominal.forward(shots.joints, approach=shots.approach)
         rows = np.flatnonzero(solution.is_solved)
         observations = observations_of(shots.rows(rows), solution.values[rows], self._options)
