@@ -196,6 +196,17 @@ class Screen:
         """Tables are not looked at."""
 
 
+def test_a_small_screen_shows_the_verdict_first_and_fewer_shares(evaluation: Evaluation) -> None:
+    table = evaluation.evidence.campaign.robot.mechanism.parameters
+    whole, small = Screen(), Screen()
+    small.is_small = True
+    for screen in (whole, small):
+        show_identification(screen, evaluation.evidence.identification, table)
+    assert small.lines[0] == whole.lines[0] == "verdict: pass"
+    assert len(small.lines) < len(whole.lines) < 14
+    assert small.lines[-1].endswith("--verbose")
+
+
 def test_each_wrong_shot_has_one_line_on_the_terminal(evaluation: Evaluation) -> None:
     excluded = (
         Excluded("1.500 mm off where all others put it", shot=7, size_mm=1.5),
