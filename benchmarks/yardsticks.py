@@ -39,23 +39,13 @@ PAPER = ("--model", "paper", "--estimator", "distances")
 FORMS: dict[str, tuple[str, ...]] = {"": (), "-standard": ("--model", "standard"), "-paper": PAPER}
 REAL_SHOTS = ("table1-tracker-noise", "table2-repeatability")
 """Shots that are identified in all forms, the others in the first one."""
+PARAMETER_FORMS = (
+    *("yaml", "plain", "linuxcnc", "linuxcnc-rotarydelta", "linuxcnc-lineardelta"),
+    *("klipper-rotary-delta", "klipper-delta", "urdf", "sdf", "klipper", "marlin", "reprap"),
+)
 EXPORTS = (
     "--format shots",
-    *(
-        f"--format {form}"
-        for form in (
-            *("yaml", "plain", "linuxcnc", "linuxcnc-rotarydelta", "linuxcnc-lineardelta"),
-            *(
-                "klipper-rotary-delta",
-                "klipper-delta",
-                "urdf",
-                "sdf",
-                "klipper",
-                "marlin",
-                "reprap",
-            ),
-        )
-    ),
+    *(f"--format {form}" for form in PARAMETER_FORMS),
     *(f"--joint-table {form}" for form in ("csv", "linuxcnc", "twincat")),
 )
 EXPORTED = ("par4-prototype", "delta", "linear-delta")
