@@ -10,6 +10,9 @@ above what a calibration corrects.
 2. As soon as the shots place a frame, a fit of robot and frame predicts each point, with an
    uncertainty from which the limit follows: wide where the shots say little, narrow later.
 
+All shots of the series count here, those of other purposes too, and none is left out as wrong:
+`uncertainty_monitor.py` fits what `identify` will use, which says how well, not whether.
+
 Shots of a reflector elsewhere on the platform (`reflector_places.py`) are predicted by the same fit
 and their place there; before it, their distances are compared with each other alone.
 

@@ -5,6 +5,10 @@ asks whether the displacement of the points, less what the joints as read explai
 the noise of both measurements. If it is, it asks what explains it: a rigid motion of all points
 (the tracker, its stand or the robot's base), a changed offset of one encoder, or neither (the
 robot).
+
+`pkmcal check` asks the same of another day, of the fitted robot (`identification/checking.py`); six
+shots place its frame alone. Here each pose is compared with itself: the robot's errors cancel, and
+three poses are enough.
 """
 
 from collections.abc import Mapping, Sequence
