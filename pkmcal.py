@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         sample_workspace,
         study,
     )
+    from campaigns.assessment import evaluate
     from campaigns.campaign import open_campaign
     from campaigns.design.pose_sampling import WorkspaceTooSmall
     from campaigns.errors import (
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
         ShotsMissing,
         TargetsInvalid,
     )
-    from campaigns.evidence import evaluate
     from campaigns.fit.rigid_transforms import fit_transform
     from campaigns.fit.tracker_noise import TrackerUncertainty, point_covariance_mm2
     from campaigns.identification.objects import Object
@@ -99,7 +99,7 @@ HOMES |= dict.fromkeys(ERRORS, "campaigns.errors") | {
     "connected_cell": "app.wiring",
     "create_campaign": "app.new_campaign",
     "create_simulated": "app.new_campaign",
-    "evaluate": "campaigns.evidence",
+    "evaluate": "campaigns.assessment",
     "fit_transform": "campaigns.fit.rigid_transforms",
     "open_campaign": "campaigns.campaign",
     "point_covariance_mm2": "campaigns.fit.tracker_noise",

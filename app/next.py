@@ -10,8 +10,8 @@ from campaigns.files.lock import lock_holder
 from campaigns.settings.instrument import StatedInstrument
 
 if TYPE_CHECKING:  # help needs no next command: the checks of all commands would be loaded for it
+    from campaigns.assessment import Evaluation
     from campaigns.controllers.controller_state import ControllerState
-    from campaigns.evidence import Evaluation
     from campaigns.next_step import NextStep
 
 BY_DEFAULT = (
@@ -53,7 +53,7 @@ def tell_next(
     `reported` and `held` as for `state_of`; `evaluation`: the campaign's, if already made;
     `answered`: whether both devices answered just now.
     """
-    from campaigns.evidence import evaluate
+    from campaigns.assessment import evaluate
     from campaigns.next_step import state_of
     from campaigns.workflow.next_hint import next_hint
 

@@ -9,10 +9,10 @@ from app.measuring import ValidationJob, measure, run_plan
 from app.plan_text import plan_line
 from app.report.terminal_text import show_gain, show_identification
 from app.wiring import connected_robot, scenario_of
+from campaigns.assessment import evaluate
 from campaigns.campaign import Campaign
 from campaigns.evaluation.simulated_devices import OWN_EQUATIONS
 from campaigns.evaluation.validation import ValidationResult
-from campaigns.evidence import evaluate
 from campaigns.identification.options import IdentificationOptions
 from campaigns.kinematics.catalog import MECHANISMS
 from campaigns.next_step import state_of

@@ -1,29 +1,18 @@
-"""Evidence: everything that a campaign's folder holds, and its evaluation, as one value each."""
+"""Evidence: everything that a campaign's folder holds, as one value."""
 
 # `gather` reads the folder once and writes nothing: settings, plan.csv, the exported robot file and
 # the journal become one immutable value, `Evidence`. What is missing is None or empty. What is
 # there and cannot be read becomes a sentence in `unreadable`, so that one spoilt file hides
 # nothing else; only a journal that cannot be read is an error.
-#
-# `Evaluation` derives from this value, part by part when it is needed: the figures of both
-# validations, the gains, the errors of both models, the checks and the verdict. Report, live page,
-# `status` and next step take their statements from here and judge nothing themselves, so that they
-# cannot contradict each other.
-#
-# The checks form the chain from plan to controller; most links compare two digests. plan.csv must
-# be the plan that was measured; nominal robot and journal those that were identified from; the
-# parameter file, the last load and the set that the controller held in the validation must be the
-# identified set or a form of it. A link that does not hold keeps the verdict from being a pass.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, TypeVar
 
-import numpy as np
 from pydantic import JsonValue
 
 from campaigns.campaign import Campaign
@@ -32,25 +21,7 @@ from campaigns.controllers.export import FILE_NAME as PARAMETER_FILE
 from campaigns.controllers.export import PLAIN, WrittenSet, written_sets
 from campaigns.controllers.load_journal import Load, load_history, read_load
 from campaigns.errors import CampaignError, FindingUnreadable, OutputExists, PlanInvalid
-from campaigns.evaluation import model_errors, validation
-from campaigns.evaluation.robot_scatter import RobotScatter
 from campaigns.evaluation.simulated_devices import OWN_EQUATIONS, simulated_devices
-from campaigns.evaluation.stated_sources import SeriesSources, restated_observations
-from campaigns.evaluation.time_series import TimeSeries, time_series
-from campaigns.evaluation.verdict import (
-    CampaignVerdict,
-    Check,
-    Gain,
-    IdentificationVerdict,
-    ValidationVerdict,
-    campaign_verdict,
-    gained_in_words,
-    gains,
-    lost_beyond,
-    same_digest,
-    validation_verdict,
-    worse_than_before,
-)
 from campaigns.files.text_file import head_of
 from campaigns.identification.checking import RecordedCheck, read_check
 from campaigns.identification.result import RecordedIdentification, read_identification
@@ -62,13 +33,12 @@ from campaigns.kinematics.mechanism import Mechanism
 from campaigns.planning.plan_file import (
     PlannedShot,
     older_plans,
-    plan_difference,
     plan_digest,
     read_options,
     read_plan,
 )
 from campaigns.robots.robot import RobotFile, read_robot
-from campaigns.settings.instrument import NamedInstruments, StatedInstrument
+from campaigns.settings.instrument import NamedInstruments
 from campaigns.shots.observation_records import (
     NO_OBSERVATIONS,
     RecordedObservations,
@@ -76,7 +46,6 @@ from campaigns.shots.observation_records import (
 )
 from campaigns.shots.observations_csv import FILE_NAME as OBSERVATIONS
 from campaigns.shots.observations_csv import read_observations
-from campaigns.shots.shot_sets import ShotSet
 from campaigns.shots.shots import Shots, shots_of_journal
 from campaigns.shots.stops import by_stops
 from drivers.bounded_files import is_file, is_there
@@ -332,134 +301,6 @@ class Evidence:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Evaluation:
-    """Evaluation of a campaign: what its report shows, computed at first use.
-
-    Each attribute is None or empty if the campaign has not got that far.
-
-    Attributes:
-        evidence: Everything read from the campaign's folder.
-        before: Figures of the validation before calibration, mm, with their uncertainties.
-        after: Figures of the validation after calibration.
-        scatter: The robot's scatter, which is in the uncertainties of both.
-        gains: Each figure before and after.
-        errors: Errors of the nominal and the identified model at the measured shots, mm.
-        checks: Statements on whether plan, journal, files and controller belong together.
-        time_series: Temperature and drift of each series.
-        verdict: Decision on the whole campaign, with its reasons.
-    """
-
-    evidence: Evidence
-
-    @cached_property
-    def scatter(self) -> RobotScatter:
-        """Scatter of the robot: by the identification, else by the latest repeated visits."""
-        robot, identification = self.evidence.campaign.robot, self.evidence.identification
-        if identification and (scatter := identification.uncertainty.scatter) is not None:
-            fitted = identification.residuals.fitted
-            shots = len(fitted.numbers) if fitted is not None else identification.provenance.shots
-            return RobotScatter.identified(scatter.point_mm, scatter.joint, shots, robot.kinematics)
-        measured = (*self.evidence.before, *self.evidence.after)
-        by_visits = (validation.scatter_of_visits(item.shots) for item in reversed(measured))
-        return next((scatter for scatter in by_visits if scatter.is_known), RobotScatter())
-
-    @cached_property
-    def before(self) -> validation.ValidationResult | None:
-        """Figures of the validation before calibration: of each test the latest."""
-        return self._validation(self.evidence.before)
-
-    @cached_property
-    def after(self) -> validation.ValidationResult | None:
-        """Figures of the validation after calibration: of each test the latest."""
-        return self._validation(self.evidence.after)
-
-    @cached_property
-    def gains(self) -> tuple[Gain, ...]:
-        """Each figure of the commanded robot before and after."""
-        return gains(self.before, self.after)
-
-    @cached_property
-    def errors(self) -> model_errors.ModelErrors | None:
-        """Errors of the nominal and the identified model at the measured shots, mm."""
-        modelled = _modelled(self.evidence)
-        if modelled is None:
-            return None
-        return model_errors.ModelErrors(
-            model_errors.pair_errors(modelled, ShotSet.IDENTIFICATION),
-            model_errors.pair_errors(modelled, ShotSet.VALIDATION),
-            model_errors.position_errors(modelled),
-        )
-
-    @cached_property
-    def checks(self) -> tuple[Check, ...]:
-        """Statements on whether plan, journal, files and controller belong together."""
-        return tuple(_checks(self.evidence))
-
-    @cached_property
-    def time_series(self) -> tuple[TimeSeries, ...]:
-        """Temperature and drift of each series that has them."""
-        courses = (time_series(name, each.shots) for name, each in self.evidence.by_stage())
-        return tuple(course for course in courses if not course.is_empty)
-
-    def validated(self, stage: Literal["before", "after"]) -> ValidationVerdict:
-        """Return the verdict on a stage by the limits in campaign.yaml.
-
-        After calibration the robot must also not be worse than before, and a reduced form must
-        not lose more than a limit anywhere in the workspace.
-        """
-        limits = self.evidence.campaign.config.acceptance
-        axes = self.evidence.campaign.robot.mechanism.line_axes
-        if stage == "before":
-            return validation_verdict(self.before, limits, axes=axes)
-        held = self.evidence.held("after")
-        form = held.form if held else None
-        worse = worse_than_before(self.gains)
-        return validation_verdict(self.after, limits, worse, lost_beyond(form, limits), axes)
-
-    @cached_property
-    def verdict(self) -> CampaignVerdict:
-        """Verdict on the whole campaign."""
-        identification, of_identification = self.evidence.identification, None
-        if identification is not None:
-            judged = identification.judgement
-            of_identification = IdentificationVerdict(
-                judged.verdict, judged.reasons, judged.accepted
-            )
-        return campaign_verdict(
-            of_identification,
-            self.validated("after"),
-            self.checks,
-            validated=self.after is not None,
-            notes=(*self._held_in_words(), *_limits_set_later(self.evidence)),
-            gained=gained_in_words(
-                self.gains, identification.residuals.unseen_mm if identification else None
-            ),
-        )
-
-    def _held_in_words(self) -> Iterator[str]:
-        """Yield sentences on what the controller held, where it was a form or was declared."""
-        for stage in STAGES:
-            held = self.evidence.held(stage)
-            if held is not None and (held.form or held.declared):
-                yield f"Validated {stage} with {held.says}."
-
-    def _validation(
-        self, measured: tuple[MeasuredSeries, ...]
-    ) -> validation.ValidationResult | None:
-        """Return the figures of a stage's series; None without any."""
-        campaign = self.evidence.campaign
-        return validation.latest_of_each_test(
-            validation.evaluate_validation(
-                item.stops,
-                campaign.instrument_of(item.series.started).uncertainty,
-                item.series.number,
-                self.scatter,
-            )
-            for item in measured
-        )
-
-
 def program_path(folder: Path, stage: str) -> Path:
     """Return the file of a stage's program for a controller out of reach."""
     return folder / f"program-{stage}.csv"
@@ -485,28 +326,6 @@ def is_program_there(folder: Path, stage: str, digest: str) -> bool:
         return False
     with path.open("rb") as file:
         return digest.encode() in file.read(4000)  # the heading stands in the first row
-
-
-def evaluate(campaign: Campaign) -> Evaluation:
-    """Evaluate all that a campaign has: figures, gains, checks and verdict, as its report has them.
-
-    Args:
-        campaign: The campaign, from `open_campaign`; at any stage.
-
-    Returns:
-        `before`, `after`, `gains`, `errors`, `checks`, `time_series` and `verdict`, computed at
-        first use; None or empty where the campaign has not got that far.
-
-    Raises:
-        JournalFailed: The journal cannot be read.
-
-    Example:
-        >>> evaluation = evaluate(open_campaign("cell-7"))
-        >>> evaluation.verdict.decision
-        'pass'
-        >>> evaluation.after.distances.mean.value_mm
-    """
-    return Evaluation(gather(campaign))
 
 
 def gather(campaign: Campaign) -> Evidence:
@@ -697,198 +516,3 @@ def _measured(campaign: Campaign, all_series: Iterable[Series]) -> tuple[Measure
     """Return the series that have any accepted shots."""
     mechanism = campaign.robot.mechanism
     return tuple(MeasuredSeries(series, mechanism) for series in all_series if series.shots)
-
-
-def _modelled(evidence: Evidence) -> model_errors.ModelledShots | None:
-    """Return the identified and the hold-out shots, with the poses of both models.
-
-    Before an identification there is the nominal model alone, at shots that it can assemble. None
-    without shots, and for an old identification that kept no poses.
-    """
-    if evidence.run is None:
-        return None
-    identification, nominal = evidence.identification, evidence.campaign.robot.kinematics
-    shots = evidence.run.stops.of_set(ShotSet.IDENTIFICATION, ShotSet.VALIDATION)
-    if identification is None:
-        solution, after = nominal.forward(shots.joints), None
-        rows = np.flatnonzero(solution.is_solved)
-        shots, before = shots.rows(rows), solution.values[rows]
-    elif identification.residuals.modelled is None:  # by the paper's method in an older version
-        return None
-    else:
-        # The identification kept which shots it used and how: options may have moved shots
-        # between the sets, or left them out. Its table counts, not the plan's purposes.
-        table = identification.residuals.modelled
-        if not set(table.numbers) <= set(shots.numbers):  # of a version that averaged no samples
-            shots = evidence.run.shots
-        rows_by_number = {number: row for row, number in enumerate(shots.numbers)}
-        rows = np.array([rows_by_number[number] for number in table.numbers], dtype=np.intp)
-        shots = replace(shots.rows(rows), purposes=table.purposes, pairs=table.pairs)
-        before, after = np.array(table.before), np.array(table.after)
-    return model_errors.ModelledShots(
-        shots=shots,
-        before=before,
-        after=after,
-        points=nominal.points,
-        sessions=identification is not None and bool(identification.value.sessions),
-    )
-
-
-def _checks(evidence: Evidence) -> Iterator[Check]:
-    """Yield the checks of the chain from plan to controller."""
-    run, identification, journal = evidence.run, evidence.identification, evidence.journal
-    # an import was measured without plan.csv
-    without_plan = evidence.observations.files if run is None else _is_imported(run)
-    if not without_plan:
-        now, measured = _plan_digests_to_compare(evidence)
-        of_plan = same_digest("plan.csv is the plan that was measured", now, measured)
-        kept = evidence.older_plans.get(measured or "")
-        if of_plan.holds is False and kept:
-            of_plan = replace(of_plan, detail=f"{of_plan.detail}; {kept} is: rename it to plan.csv")
-        yield of_plan
-    if identification is None:
-        yield Check("the results belong to one identification", None, "nothing was identified")
-    else:
-        mechanism = evidence.campaign.robot.mechanism
-        parameters = identification.value.parameter_set(mechanism).digest()
-        yield from _checks_of_bases(evidence, identification)
-        yield _check_of_file(evidence, parameters)
-        yield from _checks_of_controller(evidence, parameters)
-    check = evidence.unanswered
-    if check is not None and check.decision == "fail":
-        detail = f"check, series {check.series}: {check.says}"
-        yield Check("the robot is as it was identified", holds=False, detail=detail)
-    yield _check_of_start(evidence)
-    yield from checks_of_instrument(evidence)
-    if journal is not None and journal.unended_load:
-        statement = "it is known what the controller holds"
-        yield Check(statement, holds=False, detail="a load was begun and not ended")
-
-
-def _is_imported(run: MeasuredSeries) -> bool:
-    """Return whether the shots to identify from were measured elsewhere."""
-    return run.series.started.stage == "import"
-
-
-def _plan_digests_to_compare(evidence: Evidence) -> tuple[str | None, str | None]:
-    """Return the digests of plan.csv and of the measured plan, None for a missing one.
-
-    Both are that of plan.csv if it has every measured shot as it was measured.
-    """
-    # An operator may add rows to plan.csv during a run, and delete rows that cannot be measured.
-    # So equal digests are not demanded: it is the same plan if it has every measured shot as it
-    # was measured.
-    plan, now = evidence.plan, evidence.plan_digest
-    if evidence.run is None:
-        return now, None
-    intents = [shot.intent for shot in evidence.run.series.shots]
-    has_all = {intent.shot for intent in intents} <= {shot.shot for shot in plan or ()}
-    if intents and has_all and not plan_difference(intents, plan or ()):
-        return now, now
-    return now, evidence.run.series.started.plan_digest
-
-
-def _checks_of_bases(evidence: Evidence, identification: RecordedIdentification) -> Iterator[Check]:
-    """Yield the checks that nominal robot, journal and settings are those of the identification."""
-    journal, provenance = evidence.journal, identification.provenance
-    statement = "the nominal robot is the one that was identified from"
-    yield same_digest(statement, evidence.campaign.robot.digest(), provenance.robot_digest)
-    statement = "the journal is unchanged up to the identification"
-    journal_now = None if journal is None else journal.identified_digest
-    yield same_digest(statement, journal_now, provenance.journal_digest)
-    statement = "campaign.yaml says what it said when the identification was judged by it"
-    if outdated := evidence.campaign.outdated(identification):
-        yield Check(statement, holds=False, detail=f"{', '.join(outdated)} changed since")
-    else:
-        yield Check(statement, holds=True, detail="as then")
-
-
-def _check_of_file(evidence: Evidence, identified: str) -> Check:
-    """Check that the exported robot file, or else a form in the folder, is of the identified set.
-
-    `identified` is the digest of this set.
-    """
-    statement = "the parameter file contains the identified parameters"
-    if evidence.spoilt_parameter_file:
-        return Check(statement, holds=False, detail="it cannot be read")
-    form_origins = [form.projection.of for form in evidence.forms if form.projection]
-    origin = evidence.file_origin or next(iter(form_origins), None)
-    return same_digest(statement, origin, identified)
-
-
-def _checks_of_controller(evidence: Evidence, identified: str) -> Iterator[Check]:
-    """Yield the checks that the identified set came to the controller, by whichever route.
-
-    `identified` is the digest of this set.
-    """
-    # Three routes: the set was loaded; or it was declared, and whatever was loaded earlier says
-    # nothing; or targets were corrected with it, and nothing was loaded. So the last load is
-    # compared on the first route alone.
-    held, loaded = evidence.held("after"), evidence.loaded
-    by_targets = held is not None and held.targets
-    if not by_targets and not (held and held.declared):
-        last = evidence.state(loaded.digest if loaded else None)
-        yield _same_origin("what was loaded last is what was identified", last, identified)
-    route = "the controller held the identified set"
-    if by_targets:
-        route = "targets were corrected with the identified set"
-    yield _same_origin(f"{route} when the robot was validated after", held, identified)
-    if loaded and held and held.origin == identified and evidence.loaded_since:
-        statement = "the robot was validated after with what its controller holds now"
-        yield Check(statement, holds=False, detail=f"{loaded.source} was loaded since")
-
-
-def _same_origin(statement: str, held: ControllerState | None, identified: str) -> Check:
-    """Check that a set is the identified one, or a form of it; the detail names the form."""
-    if held is None or not held.origin:
-        return same_digest(statement, held.digest if held else None, identified)
-    check = same_digest(statement, held.origin, identified)
-    is_qualified = held.form or held.declared
-    return replace(check, detail=f"{held.says}, {check.detail}") if is_qualified else check
-
-
-def _check_of_start(evidence: Evidence) -> Check:
-    """Check that the robot was validated before calibration with nominal parameters.
-
-    A campaign passes without it: the gain is then measured from the set that was held.
-    """
-    statement = "the controller held the nominal parameters when the robot was validated before"
-    held = evidence.held("before")
-    if held is None:
-        return Check(statement, None, "nothing to compare", decides=False)
-    return Check(statement, held.kind == "nominal", held.says, decides=False)
-
-
-def checks_of_instrument(evidence: Evidence) -> Iterator[Check]:
-    """Yield the checks that what is stated of the instruments is what their records state."""
-    config, sources = evidence.campaign.config, sources_of(evidence)
-    names = NamedInstruments.of(config.tracker, config.instruments)
-    yield from sources.changed_later(StatedInstrument.of(config.tracker), names)
-    yield from sources.restated()
-    yield from restated_observations(evidence.observations.restated)
-
-
-def sources_of(evidence: Evidence) -> SeriesSources:
-    """Return the series with what their records state of the instruments."""
-    return SeriesSources(
-        counted=tuple(item.series for item in evidence.counted()),
-        every=evidence.journal.series if evidence.journal else (),
-        mechanism=evidence.campaign.robot.mechanism,
-        instrument_of=evidence.campaign.instrument_of,
-    )
-
-
-def _limits_set_later(evidence: Evidence) -> Iterator[str]:
-    """Yield a sentence if the limits were set or changed after the validation after calibration."""
-    # Limits may be agreed late, but a reader of the verdict has to know: they could be chosen so
-    # that the measured figures meet them.
-    after = evidence.after[-1].series.started if evidence.after else None
-    recorded = after.configuration.get("acceptance") if after else None
-    config = evidence.campaign.config.acceptance.model_dump(mode="json")
-    if not isinstance(recorded, dict) or not any(config.values()):
-        return
-    # a limit that the journal's version did not know was not set then
-    if {**dict.fromkeys(config), **recorded} != config:
-        changed_s = evidence.campaign.path("campaign.yaml").stat().st_mtime
-        moment = datetime.fromtimestamp(changed_s, UTC).isoformat(" ", "minutes")
-        yield f"Limits set after that validation, in campaign.yaml of {moment}."

@@ -21,11 +21,12 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Literal
 
+from campaigns.assessment import Evaluation
 from campaigns.controllers.controller_state import ControllerState
 from campaigns.controllers.delta_firmware import has_firmware
 from campaigns.controllers.export import FILE_NAME
 from campaigns.evaluation.decision import NO_LIMIT, Decision
-from campaigns.evidence import REPORT_FILE, Evaluation, Evidence, joints_path
+from campaigns.evidence import REPORT_FILE, Evidence, joints_path
 from campaigns.fit.error_sources import TRACKER_SOURCES
 from campaigns.identification import findings
 from campaigns.identification.determined import ON_PLANE

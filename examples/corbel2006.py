@@ -25,8 +25,8 @@ from ruamel.yaml import YAML
 
 from app.console import Terminal
 from app.rehearsal import rehearse
+from campaigns.assessment import Evaluation
 from campaigns.evaluation.validation import ValidationResult
-from campaigns.evidence import Evaluation
 from campaigns.identification.options import IdentificationOptions
 from pkmcal import create_simulated, evaluate, open_campaign
 from sim.scenarios.scenario import load_scenario

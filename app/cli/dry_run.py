@@ -23,10 +23,10 @@ from app.next import tell_next
 from app.options import Seed
 from app.rehearsal import STAGES, heading, rehearse
 from app.report.terminal_text import say_gain, say_verdict, show_warnings
+from campaigns.assessment import Evaluation
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
 from campaigns.evaluation.verdict import JUDGED_FIGURE
-from campaigns.evidence import Evaluation
 from campaigns.identification.options import IdentificationOptions
 from drivers.bounded_files import is_there
 

@@ -7,8 +7,9 @@ import typer
 from app.console import Terminal
 from app.next import tell_next
 from app.report.terminal_text import show_identification
+from campaigns.assessment import evaluate
 from campaigns.campaign import Campaign
-from campaigns.evidence import checks_of_instrument, evaluate
+from campaigns.chain import checks_of_instrument
 from campaigns.identification.options import IdentificationOptions
 from campaigns.workflow.checking import update_by_check
 from campaigns.workflow.identification import identify

@@ -13,9 +13,9 @@ from app.console import Terminal
 from app.next import tell_next, tell_step
 from app.options import Folder, Turns, ask_turns, folder_and_file
 from app.report.terminal_text import show_validation
+from campaigns.assessment import evaluate
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import CoordinatesAmbiguous, OptionsInvalid
-from campaigns.evidence import evaluate
 from campaigns.files.cells import DecimalSign
 from campaigns.files.wording import listed
 from campaigns.next_step import NextStep

@@ -16,9 +16,10 @@ from app.next import tell_next, tell_who_works
 from app.options import Excel, for_spreadsheets
 from app.report.terminal_text import say_gain, say_verdict, show_warnings
 from app.report.values import COLUMNS, reported_values, values_csv
+from campaigns.assessment import evaluate
 from campaigns.campaign import Campaign, now_utc
 from campaigns.errors import OptionsInvalid, OutputExists, WriteFailed
-from campaigns.evidence import REPORT_FILE, evaluate, refuse_other_report
+from campaigns.evidence import REPORT_FILE, refuse_other_report
 from campaigns.files.text_file import head_of, replace_text
 from campaigns.planning.plan_file import move_aside
 from drivers.bounded_files import is_file, is_there

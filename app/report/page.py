@@ -19,8 +19,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from app.report import record, results, tables
+from campaigns.assessment import Evaluation
 from campaigns.evaluation.verdict import RULE
-from campaigns.evidence import Evaluation
 from campaigns.next_step import state_of
 from campaigns.version import VERSION
 from campaigns.workflow.next_hint import next_hint

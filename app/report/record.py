@@ -16,17 +16,12 @@ import numpy as np
 
 from app.report import figures, tables
 from app.report.section import Section
+from campaigns.assessment import Evaluation
+from campaigns.chain import sources_of
 from campaigns.evaluation.stated_sources import restated_observations
 from campaigns.evaluation.time_series import TimeSeries, time_series, worst_std_mm
 from campaigns.evaluation.verdict import Check
-from campaigns.evidence import (
-    Evaluation,
-    Evidence,
-    Incident,
-    JournalFacts,
-    MeasuredSeries,
-    sources_of,
-)
+from campaigns.evidence import Evidence, Incident, JournalFacts, MeasuredSeries
 from campaigns.files.table import NOTHING, Column, Row, by_place, number, words
 from campaigns.identification.result import Frame, RecordedIdentification
 from campaigns.journal.records import Event, Rejected, SeriesStarted

@@ -10,8 +10,8 @@ from itertools import zip_longest
 from app.report import figures, tables
 from app.report.course import Course
 from app.report.section import Section
+from campaigns.assessment import Evaluation
 from campaigns.evaluation.iso_figures import cube_frame, cube_poses, iso_rows
-from campaigns.evidence import Evaluation
 from campaigns.files.table import by_place
 from campaigns.identification.determined import MOST_ASSUMED
 from campaigns.identification.findings import UNSEEN_ROWS, WRONG_ROWS

@@ -12,13 +12,13 @@ from itertools import zip_longest
 from typing import Literal
 
 from campaigns.arrays import Array
+from campaigns.assessment import Evaluation
 from campaigns.evaluation.decision import COVERAGE, Requirement
 from campaigns.evaluation.iso_figures import IsoRow
 from campaigns.evaluation.measured_lengths import MeasuredLength
 from campaigns.evaluation.summary import ErrorSummary, summary
 from campaigns.evaluation.validation import RepeatabilityTest
 from campaigns.evaluation.verdict import NO_CHANGE, Gain
-from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, Row, decimals_by, number, two_digits, words
 from campaigns.files.wording import listed
 from campaigns.fit.error_sources import SOURCES, TRACKER_SOURCES

@@ -11,13 +11,13 @@ from app.console import DECISIONS, WARNING, Terminal
 from app.next import tell_next
 from app.report import tables
 from campaigns.arrays import AXES
+from campaigns.assessment import Evaluation
 from campaigns.campaign import Campaign
 from campaigns.evaluation.decision import NO_LIMIT, Requirement
 from campaigns.evaluation.iso_figures import cube_frame, cube_poses
 from campaigns.evaluation.summary import BeforeAfter
 from campaigns.evaluation.validation import ValidationResult
 from campaigns.evaluation.verdict import CampaignVerdict
-from campaigns.evidence import Evaluation
 from campaigns.files.table import NOTHING, Column, number, texts, two_digits, words
 from campaigns.identification.findings import WRONG_SHOTS, Finding, remedy_of
 from campaigns.identification.result import RecordedIdentification, Residuals

@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass
 from typing import Literal
 
 from app.report.tables import STAGES, error_rows
+from campaigns.assessment import Evaluation
 from campaigns.evaluation.decision import COVERAGE, Verdict
-from campaigns.evidence import Evaluation
 from campaigns.files.table import Column, csv_table, words
 from campaigns.identification.result import IdentificationResult
 from campaigns.kinematics.parameters import ParameterTable

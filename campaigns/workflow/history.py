@@ -10,10 +10,10 @@ from typing import Literal, TypeVar
 
 from pydantic import JsonValue
 
+from campaigns.assessment import Evaluation, evaluate
 from campaigns.campaign import Campaign, CampaignFolder, open_campaign, open_folder
 from campaigns.errors import FindingUnreadable, OptionsInvalid, ShotsMissing
 from campaigns.evaluation.decision import Decision
-from campaigns.evidence import Evaluation, evaluate
 from campaigns.identification.checking import read_check
 from campaigns.identification.result import RecordedIdentification, read_identification
 from campaigns.journal.records import Finding

@@ -10,9 +10,10 @@ from datetime import datetime, timedelta
 from itertools import pairwise
 from typing import Self
 
+from campaigns.assessment import Evaluation, evaluate
 from campaigns.campaign import Campaign, CampaignFolder, open_campaign
 from campaigns.evaluation.decision import Verdict
-from campaigns.evidence import Evaluation, Evidence, evaluate, unended_load
+from campaigns.evidence import Evidence, unended_load
 from campaigns.files.lock import Holder, lock_holder
 from campaigns.journal.records import Stage
 from campaigns.journal.views import Series

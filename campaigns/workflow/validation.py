@@ -17,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 
+from campaigns.assessment import Evaluation, evaluate
 from campaigns.campaign import Campaign
 from campaigns.controllers.controller_state import ControllerState
 from campaigns.controllers.corrected_targets import TargetCorrection
@@ -27,7 +28,7 @@ from campaigns.evaluation import validation
 from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.evaluation.robot_scatter import RobotScatter
 from campaigns.evaluation.verdict import CampaignVerdict, ValidationVerdict
-from campaigns.evidence import Evaluation, counted_series, evaluate
+from campaigns.evidence import counted_series
 from campaigns.journal.journal import Journal, JournalReader
 from campaigns.journal.records import Event, Finding, Stage
 from campaigns.measuring.run_state import SILENT, RunObserver, Wishes

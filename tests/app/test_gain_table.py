@@ -11,9 +11,9 @@ from typer import Exit
 from app.console import Terminal
 from app.report.tables import GAINS, change
 from app.report.terminal_text import show_gain, show_validation
+from campaigns.assessment import Evaluation, evaluate
 from campaigns.evaluation.measured_lengths import MeasuredLength
 from campaigns.evaluation.verdict import Gain
-from campaigns.evidence import Evaluation, evaluate
 from campaigns.files.table import texts
 from campaigns.workflow.validation import Validated
 

@@ -9,8 +9,9 @@ from command_line import Keyboard
 from paper_campaign import NOISE_MM, TRACKER_FROM_BASE, TRUE
 
 from app.new_campaign import create_for_devices
+from campaigns.assessment import evaluate
 from campaigns.campaign import open_campaign
-from campaigns.evidence import evaluate, joints_path
+from campaigns.evidence import joints_path
 from campaigns.identification import observations
 from campaigns.journal.records import Event
 from campaigns.journal.views import Series

@@ -11,9 +11,10 @@ from par4_space import SPACE
 from app.main import run_command
 from app.new_campaign import create_simulated
 from app.plan_text import warnings
+from campaigns.assessment import Evaluation, evaluate
 from campaigns.campaign import open_campaign
 from campaigns.errors import OptionsInvalid, PlanInvalid
-from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.evidence import gather
 from campaigns.fit.tracker_noise import TrackerUncertainty
 from campaigns.next_step import next_step, state_of
 from campaigns.options import PlanOptions

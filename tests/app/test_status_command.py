@@ -6,8 +6,8 @@ import os
 import pytest
 from paper_campaign import MECHANISM, new_campaign
 
+from campaigns.assessment import evaluate
 from campaigns.campaign import now_utc
-from campaigns.evidence import evaluate
 from campaigns.files.lock import LOCK_FILE, campaign_lock
 from campaigns.next_step import next_step, state_of
 from campaigns.planning.plan_file import write_plan

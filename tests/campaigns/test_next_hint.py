@@ -8,8 +8,9 @@ import pytest
 from paper_campaign import MECHANISM, PaperCampaign, new_campaign
 
 from app.new_campaign import create_for_devices
+from campaigns.assessment import evaluate
 from campaigns.campaign import Campaign, open_campaign
-from campaigns.evidence import evaluate, joints_path
+from campaigns.evidence import joints_path
 from campaigns.next_step import COVER, CampaignState, NextStep, state_of
 from campaigns.options import PlanOptions
 from campaigns.planning.plan_file import write_plan

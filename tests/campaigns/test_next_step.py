@@ -13,19 +13,11 @@ import pytest
 from changed_results import with_fields
 from paper_campaign import MECHANISM, PaperCampaign, new_campaign
 
+from campaigns.assessment import Evaluation, evaluate
 from campaigns.campaign import open_campaign
 from campaigns.controllers.export import PLAIN, PLAIN_FILE, WrittenSet
 from campaigns.evaluation.decision import NO_LIMIT, Decision
-from campaigns.evidence import (
-    Evaluation,
-    Evidence,
-    Incident,
-    MeasuredSeries,
-    evaluate,
-    gather,
-    joints_path,
-    program_path,
-)
+from campaigns.evidence import Evidence, Incident, MeasuredSeries, gather, joints_path, program_path
 from campaigns.identification import findings
 from campaigns.identification.checking import RecordedCheck
 from campaigns.identification.findings import Finding

@@ -8,7 +8,7 @@ from command_line import Keyboard, change, contents
 from par4_space import SPACE
 from ruamel.yaml import YAML
 
-from campaigns import evidence
+from campaigns import assessment
 from campaigns.campaign import Campaign
 from sim.scenarios.scenario import load_scenario
 
@@ -58,12 +58,12 @@ def gathered(monkeypatch) -> list[Path]:
     """Folders in the order in which they are read to be evaluated."""
     folders: list[Path] = []
 
-    def counting(campaign: Campaign) -> evidence.Evidence:
+    def counting(campaign: Campaign) -> assessment.Evidence:
         folders.append(campaign.folder)
         return gather(campaign)
 
-    gather = evidence.gather
-    monkeypatch.setattr(evidence, "gather", counting)
+    gather = assessment.gather
+    monkeypatch.setattr(assessment, "gather", counting)
     return folders
 
 

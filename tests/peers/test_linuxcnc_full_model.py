@@ -7,8 +7,8 @@ import pytest
 from linuxcnc_bench import NEEDS_LINUXCNC, world_controller
 from linuxcnc_campaign import Campaign, made_campaign, tell
 
+from campaigns.assessment import evaluate
 from campaigns.campaign import open_campaign
-from campaigns.evidence import evaluate
 from campaigns.robots.robot import compensated, read_robot, write_new_robot
 
 pytestmark = [*NEEDS_LINUXCNC, pytest.mark.timeout(500), pytest.mark.long]

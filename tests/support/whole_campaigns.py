@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from command_line import CommandLine
     from paper_campaign import PaperCampaign
 
-    from campaigns.evidence import Evaluation
+    from campaigns.assessment import Evaluation
 
 
 @pytest.fixture
@@ -82,6 +82,6 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="session")
 def evaluation(whole: "PaperCampaign") -> "Evaluation":
     """What is said of it."""
-    from campaigns.evidence import evaluate
+    from campaigns.assessment import evaluate
 
     return evaluate(whole.campaign)

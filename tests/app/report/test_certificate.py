@@ -12,9 +12,9 @@ from app.cli.report import report
 from app.report.record import facts, faults, traceability
 from app.report.results import budget_section
 from app.report.tables import budget_rows
+from campaigns.assessment import Evaluation, evaluate
 from campaigns.campaign import open_campaign
 from campaigns.errors import ConfigInvalid
-from campaigns.evidence import Evaluation, evaluate
 from campaigns.files.table import two_digits
 from campaigns.settings.sections import (
     CertificateConfig,

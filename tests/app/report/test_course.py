@@ -11,7 +11,7 @@ from app.report.record import incidents_section
 from app.report.results import course_section
 from app.report.tables import size_of
 from app.report.terminal_text import show_identification
-from campaigns.evidence import Evaluation
+from campaigns.assessment import Evaluation
 from campaigns.fit.events import Event
 from campaigns.identification.findings import Finding
 from campaigns.identification.result import Excluded, SessionFrame

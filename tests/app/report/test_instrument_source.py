@@ -19,8 +19,10 @@ from app.console import Terminal
 from app.new_campaign import create_for_devices
 from app.next import tell_source_of_u
 from app.report.record import facts
+from campaigns.assessment import evaluate
 from campaigns.campaign import open_campaign
-from campaigns.evidence import evaluate, gather, sources_of
+from campaigns.chain import sources_of
+from campaigns.evidence import gather
 from campaigns.robots.robot import pose_row
 from campaigns.settings.config import changed_settings
 from campaigns.settings.sections import AcceptanceConfig, InstrumentsConfig, PeopleConfig

@@ -24,9 +24,10 @@ from app.report.results import (
 )
 from app.report.section import Section
 from app.report.tables import correlations, parameters, undetermined_in_words, undetermined_rows
+from campaigns.assessment import Evaluation, evaluate
 from campaigns.campaign import open_campaign
 from campaigns.errors import OutputExists
-from campaigns.evidence import Evaluation, Incident, MeasuredSeries, evaluate, gather
+from campaigns.evidence import Incident, MeasuredSeries, gather
 from campaigns.files.table import texts
 from campaigns.identification.findings import Finding, HoldOut
 from campaigns.identification.result import (

@@ -7,8 +7,9 @@ import pytest
 from held_parameters import Controller
 from paper_campaign import NOMINAL, PaperCampaign
 
+from campaigns.assessment import Evaluation, evaluate
 from campaigns.errors import ConfigInvalid
-from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.evidence import gather
 from campaigns.options import LoadOptions
 from campaigns.robots.reduced_form import FORM, ReducedForm, form_of
 from campaigns.robots.robot import compensated, read_robot

@@ -14,9 +14,10 @@ from paper_campaign import NOISE_MM, NOMINAL, TRACKER_FROM_BASE, TRUE, PaperCamp
 from paper_campaign import validation_shots as planned_shots
 
 from app.main import run_command
+from campaigns.assessment import Evaluation
 from campaigns.errors import OptionsInvalid, ShotsInvalid
 from campaigns.evaluation.validation import SET_OF
-from campaigns.evidence import Evaluation, program_path
+from campaigns.evidence import program_path
 from campaigns.identification.options import IdentificationOptions
 from campaigns.journal.records import Finding
 from campaigns.kinematics.model import Kinematics

@@ -11,9 +11,10 @@ from command_line import change
 from app.main import run_command
 from app.new_campaign import create_for_devices
 from campaigns.arrays import Array
+from campaigns.assessment import evaluate
 from campaigns.campaign import Campaign, open_campaign
 from campaigns.errors import OptionsInvalid
-from campaigns.evidence import evaluate, is_program_there
+from campaigns.evidence import is_program_there
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.model import Kinematics
 from campaigns.next_step import next_step, state_of

@@ -8,7 +8,8 @@ from dataclasses import replace
 import pytest
 from changed_results import with_fields
 
-from campaigns import evidence
+from campaigns import chain
+from campaigns.assessment import Evaluation
 from campaigns.evaluation import stated_sources
 from campaigns.evaluation.decision import NO_LIMIT
 from campaigns.evaluation.verdict import (
@@ -19,7 +20,6 @@ from campaigns.evaluation.verdict import (
     validation_verdict,
     worse_than_before,
 )
-from campaigns.evidence import Evaluation
 from campaigns.settings.sections import AcceptanceConfig
 
 WIDE = AcceptanceConfig(**dict.fromkeys(AcceptanceConfig.model_fields, 1.0))
@@ -122,7 +122,7 @@ def test_a_campaigns_verdict_rests_on_its_own_identification(evaluation):
 
 def statements():
     """Texts that checks are made of; what is filled in stands as …."""
-    source = inspect.getsource(evidence) + inspect.getsource(stated_sources)
+    source = inspect.getsource(chain) + inspect.getsource(stated_sources)
     for node in ast.walk(ast.parse(source)):
         text = None
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "statement":

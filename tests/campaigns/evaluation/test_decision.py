@@ -146,10 +146,8 @@ CAMPAIGNS = Path(campaigns.__file__).parent
 JUDGING = [
     *sorted((CAMPAIGNS / "evaluation").glob("*.py")),
     *sorted((CAMPAIGNS / "controllers").glob("*.py")),
-    *(
-        CAMPAIGNS / name
-        for name in ("evidence.py", "workflow/loading.py", "workflow/validation.py")
-    ),
+    *map(CAMPAIGNS.joinpath, ("assessment.py", "chain.py", "evidence.py")),
+    *map(CAMPAIGNS.joinpath, ("workflow/loading.py", "workflow/validation.py")),
 ]
 ELSEWHERE = {
     "decision.py",

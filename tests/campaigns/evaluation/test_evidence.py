@@ -8,8 +8,9 @@ import pytest
 from changed_results import with_fields
 from paper_campaign import LOAD_BEGUN, NOISE_MM, NOMINAL, PaperCampaign
 
+from campaigns.assessment import Evaluation, evaluate
 from campaigns.campaign import open_campaign
-from campaigns.evidence import Evaluation, evaluate, gather
+from campaigns.evidence import gather
 from campaigns.identification.identify import identify
 from campaigns.journal.records import Finding
 from campaigns.shots.shots import held_out

@@ -8,11 +8,11 @@ import pytest
 from paper_campaign import PaperCampaign, new_campaign
 from par4_space import with_values
 
+from campaigns.assessment import Evaluation, evaluate
 from campaigns.evaluation.measured_lengths import MeasuredLength
 from campaigns.evaluation.summary import BeforeAfter, Spread
 from campaigns.evaluation.validation import DistanceTest, ValidationResult
 from campaigns.evaluation.verdict import Gain, gained_in_words
-from campaigns.evidence import Evaluation, evaluate
 from campaigns.fit.error_sources import SCATTER_TOLERANCE_MM
 from campaigns.shots.shot_sets import ShotSet
 from campaigns.workflow.validation import record_validation

@@ -7,8 +7,9 @@ import pytest
 from changed_results import with_fields
 from paper_campaign import NOMINAL, PaperCampaign, new_campaign
 
+from campaigns.assessment import Evaluation
 from campaigns.evaluation.verdict import Check
-from campaigns.evidence import Evaluation, Evidence, gather
+from campaigns.evidence import Evidence, gather
 from campaigns.identification.findings import HOLD_OUT, Finding
 from campaigns.next_step import next_step, state_of
 from campaigns.planning.plan_file import write_plan

@@ -7,8 +7,9 @@ import pytest
 from rod_campaigns import TRACKER_FROM_BASE, rod_campaign
 
 from campaigns.api import sample_workspace
+from campaigns.assessment import Evaluation
 from campaigns.evaluation.model_errors import ModelErrors
-from campaigns.evidence import Evaluation, Evidence, MeasuredSeries, gather
+from campaigns.evidence import Evidence, MeasuredSeries, gather
 from campaigns.fit.rigid_transforms import from_paper_angles
 from campaigns.identification.identify import identify
 from campaigns.identification.options import IdentificationOptions
