@@ -149,11 +149,8 @@ JUDGING = [
     *map(CAMPAIGNS.joinpath, ("assessment.py", "chain.py", "evidence.py")),
     *map(CAMPAIGNS.joinpath, ("workflow/loading.py", "workflow/validation.py")),
 ]
-ELSEWHERE = {
-    "decision.py",
-    "plausibility.py",
-    "pieces.py",
-}  # the rule itself; mistaken files, not results
+# the rule itself; mistaken files, not results
+ELSEWHERE = {"decision.py", "plausibility.py", "pieces.py"}
 FIGURE = re.compile(r"limit|(value|before|after|error|upper|lost)_mm$|^error$|_abs$|^rms$")
 ORDER = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
 

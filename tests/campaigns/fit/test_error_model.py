@@ -129,17 +129,8 @@ def test_rows_are_taken_of_every_column_and_of_the_noise():
     rows = np.array([7, 2, 2])
     taken = observations.rows(rows)
     assert len(taken) == 3
-    for name in (
-        "joints",
-        "approach",
-        "near",
-        "points",
-        "frame",
-        "warmth",
-        "moment",
-        "time",
-        "former",
-    ):
+    placed, timed = ("joints", "approach", "near", "points", "frame"), ("warmth", "moment", "time")
+    for name in (*placed, *timed, "former"):
         assert np.array_equal(getattr(taken, name), getattr(observations, name)[rows]), name
     assert np.array_equal(taken.noise["stated"], observations.noise["stated"][rows])
     assert np.array_equal(observations.rows(np.arange(10) > 4).moment, np.arange(5.0, 10.0))

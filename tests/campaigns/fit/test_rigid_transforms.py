@@ -75,8 +75,7 @@ def test_points_on_a_line_fix_no_frame(points):
 @given(st.floats(0.0, np.pi) | st.floats(3.14159, np.pi) | st.floats(0.0, 1e-9), SEED)
 def test_turns_up_to_half_a_turn_are_those_of_scipy(angle, seed):
     axis = np.random.default_rng(seed).normal(size=3)
-    vector = angle * axis / np.linalg.norm(axis)
-    rotation = Rotation.from_rotvec(vector)
+    rotation = Rotation.from_rotvec(vector := angle * axis / np.linalg.norm(axis))
     assert np.abs(rotation_by(vector) - rotation.as_matrix()).max() < 4e-15
     again = rotation_vector_rad(rotation.as_matrix())
     assert (Rotation.from_rotvec(again) * rotation.inv()).magnitude() < 4e-15
