@@ -6,10 +6,10 @@ from remembered import remembered
 from benchmarks.observed_truths import TrueBodies
 from campaigns.kinematics.model import Kinematics
 
+FEASIBILITY, STOOD = remembered(Kinematics.feasibility), remembered(TrueBodies.stood)
 
-@pytest.fixture(autouse=True, scope="session")
-def begun_once():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Kinematics, "feasibility", remembered(Kinematics.feasibility))
-        patch.setattr(TrueBodies, "stood", remembered(TrueBodies.stood))
-        yield
+
+@pytest.fixture(autouse=True)
+def begun_once(monkeypatch):
+    monkeypatch.setattr(Kinematics, "feasibility", FEASIBILITY)
+    monkeypatch.setattr(TrueBodies, "stood", STOOD)
