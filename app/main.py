@@ -9,7 +9,7 @@
 # 3. `options.as_typer_command` translates the command's parameters for Typer: a terminal, a
 #    campaign and dataclasses of options become --json, --verbose, DIR and single options.
 # 4. The command returns (exit code 0), or `Terminal.conclude` ends it with code 1, or it raises.
-# 5. `run_command` is the one place where whatever was raised becomes a line on stderr, a document
+# 5. `_reported` is the one place where whatever was raised becomes a line on stderr, a document
 #    on stdout with --json, and an exit code. So all failures look alike, and none is a traceback.
 
 import gc
@@ -282,34 +282,47 @@ def main() -> None:
     unblock_signals()
     make_streams_last()
     with interrupted_by_signals():
-        code = run_command(sys.argv[1:])
-    # The command has ended and its code is decided: a Ctrl-C from now on must not change the code.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+        outcome = _outcome(sys.argv[1:])
+        # The command has ended: a Ctrl-C from now on changes neither its last line nor its code.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        code = _reported(outcome, sys.argv[1:])
     sys.exit(code)
 
 
 def run_command(arguments: list[str]) -> int:
     """Run one command and return its exit code. Errors become one line on stderr."""
+    return _reported(_outcome(arguments), arguments)
+
+
+def _outcome(arguments: list[str]) -> int | Exception:
+    """Run one command; return its exit code, or the error that has ended it."""
     try:
         if not arguments and COMPLETES not in os.environ:
             typer.echo(overview())
             return Exit.DONE
         code = app(arguments, prog_name="pkmcal", standalone_mode=False)
     except Abort:
-        code = Exit.INTERRUPTED
+        return Exit.INTERRUPTED
     except Exception as error:  # noqa: BLE001 - the last resort: a line rather than a traceback
-        # The words are read here, because a usage error comes before Typer has read any option:
-        # --debug counts before the command alone, --json anywhere.
-        if "--debug" in takewhile(lambda word: word.startswith("-"), arguments):
-            traceback.print_exception(error)
-        line, code = _explain_error(error, arguments)
-        details = error.details if isinstance(error, ExplainedError) else {}
-        line = _with_folder(line, arguments)
-        return _print_error(line, code, details, as_json="--json" in arguments)
-    if code == Exit.INTERRUPTED:  # Typer has turned Ctrl-C into this code, without a word
-        line = _with_folder("interrupted → start the command again when ready", arguments)
-        return _print_error(line, code, {}, as_json="--json" in arguments)
+        return error
     return code if isinstance(code, int) else Exit.DONE
+
+
+def _reported(outcome: int | Exception, arguments: list[str]) -> int:
+    """Print the line of a command that was ended by an error or a signal; return the exit code."""
+    # The words are read here, because a usage error comes before Typer has read any option:
+    # --debug counts before the command alone, --json anywhere.
+    as_json = "--json" in arguments
+    if isinstance(outcome, Exception):
+        if "--debug" in takewhile(lambda word: word.startswith("-"), arguments):
+            traceback.print_exception(outcome)
+        line, code = _explain_error(outcome, arguments)
+        details = outcome.details if isinstance(outcome, ExplainedError) else {}
+        return _print_error(_with_folder(line, arguments), code, details, as_json=as_json)
+    if outcome == Exit.INTERRUPTED:  # Typer has turned Ctrl-C into this code, without a word
+        line = _with_folder("interrupted → start the command again when ready", arguments)
+        return _print_error(line, Exit.INTERRUPTED, {}, as_json=as_json)
+    return outcome
 
 
 def overview() -> str:

@@ -49,7 +49,7 @@ def command(terminal: Terminal, campaign: CampaignFolder, *, page: Page = None) 
     for problem in inspection.problems:
         terminal.say(f"! {problem.problem}", BAD)
     # A broken journal ends with the exit code of its error, but a program still gets the document:
-    # the error carries it, and `run_command` prints it. Opening the journal finds each problem of
+    # the error carries it, and `app.main` prints it. Opening the journal finds each problem of
     # the inspection again, and a journal of another campaign.
     try:
         with campaign.journal_reader() as journal:

@@ -223,7 +223,7 @@ def test_what_was_typed_is_completed(capsys, monkeypatch, typed, words):
 
 
 def test_signals_that_whoever_started_us_has_blocked_are_delivered():
-    heard = "import app.main as m, signal as s; m.run_command = lambda _: print(s.pthread_sigmask("
+    heard = "import app.main as m, signal as s; m._outcome = lambda _: print(s.pthread_sigmask("
     heard += "s.SIG_BLOCK, ()) & set(s.Signals) or 'none') or 0; m.main()"
     blocked = "import os, signal as s, sys; s.pthread_sigmask(s.SIG_BLOCK, s.valid_signals()); "
     blocked += "os.execv(sys.executable, [sys.executable, '-c', sys.argv[1]])"
@@ -232,3 +232,11 @@ def test_signals_that_whoever_started_us_has_blocked_are_delivered():
     assert "SIGUSR1" in said
     for watched in WATCHED:
         assert watched.name not in said
+
+
+def test_a_ctrl_c_while_an_error_is_told_changes_nothing_of_it(tmp_path):
+    late = "import app.main as m, os; tell = m._explain_error; m._explain_error = lambda *said: "
+    late += "os.kill(os.getpid(), 2) or tell(*said); m.main()"
+    words = [sys.executable, "-c", late, "status", str(tmp_path / "nowhere")]
+    ended = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr.count("\n")) == (2, 1), ended.stderr
