@@ -58,7 +58,7 @@ class Beam:
 
     def __init__(self, session: Session, starts: Sequence[BeamStart]) -> None:
         """Take where robot and beam were when the series' sessions began, in their order."""
-        self._session = session
+        self._session, self._rules = session, session.work.rules
         self._tracker, self._clock = session.cell.tracker, session.cell.clock
         self._mover, self._gate = session.mover, session.gate
         self._run_state = session.run_state
@@ -95,7 +95,7 @@ class Beam:
             lost_s = self._clock.now_s() - began_s
             self._limit_wait(lost_s, failure)
             self._run_state.see_beam(locked=False, lost_s=lost_s, advice=advice)
-            if lost_s >= self._session.work.look_back_s:
+            if lost_s >= self._rules.look_back_s:
                 if suspect is not None and expected_mm is not None:
                     self._require_moved_since(suspect, expected_mm)
                 if not seen_here and self._gate.of_reflector:
@@ -134,7 +134,7 @@ class Beam:
         if isinstance(waited, Skipped):  # the wish is about the shot that is tried again after this
             self._session.wishes.ask(Wish.SKIP)
             return False
-        return self._clock.now_s() - began_s < self._session.work.look_back_s
+        return self._clock.now_s() - began_s < self._rules.look_back_s
 
     def look_back(self, standing_mm: Vector3 | None = None) -> bool:
         """Bring robot and beam together where the reflector was seen before; False: nowhere.
@@ -185,7 +185,7 @@ class Beam:
             return None
         if self._measured[-1].reflector != self._gate.reflector:
             return None  # the beam has been brought onto another one since
-        latest, far_mm = self._measured[-1], self._session.work.gate.distance_mm
+        latest, far_mm = self._measured[-1], self._rules.gate.distance_mm
         expected_then_mm = self._gate.expected_point_mm(latest.joints)
         point_mm = latest.point_in_tracker_mm
         if expected_then_mm is None or dist(expected_then_mm, point_mm) > far_mm:
@@ -212,7 +212,7 @@ class Beam:
     def _advise(self, expected_mm: Vector3 | None) -> str:
         """Return the advice to the operator, in words."""
         if expected_mm is None:
-            away_m = self._session.work.search_mm / 1000.0
+            away_m = self._rules.search_mm / 1000.0
             put = "put the beam onto the robot's reflector by hand"
             return f"{put}, about {away_m:.1f} m from the tracker"
         away_m, at = hypot(*expected_mm) / 1000.0, ", ".join(f"{v:.0f}" for v in expected_mm)
@@ -227,7 +227,7 @@ class Beam:
         while self._starts:
             start = self._starts.popleft()
             if standing_mm is None or not _points_at(start.direction, standing_mm):
-                towards_mm = _point_along(start.direction, self._session.work.search_mm)
+                towards_mm = _point_along(start.direction, self._rules.search_mm)
                 yield Anchor("where the run began", start.joints, towards_mm)
 
     def _lock_at(self, anchor: Anchor) -> bool:
@@ -262,8 +262,8 @@ class Beam:
         if self.is_at(expected_mm):
             return None
         if direction is not None and expected_mm is not None:
-            return self._failure_at(_point_along(direction, self._session.work.search_mm))
-        return self._failure_to_search(self._session.work.search_mm)
+            return self._failure_at(_point_along(direction, self._rules.search_mm))
+        return self._failure_to_search(self._rules.search_mm)
 
     def _failure_at(self, point_mm: Vector3) -> str | None:
         """Point at a place, and search around it; return None if a reflector is found."""

@@ -60,7 +60,7 @@ class Engine:
         self, session: Session, starts: Sequence[BeamStart], kept: ResumeState, air: Weather | None
     ) -> None:
         """Take the `starts` of all sessions of the series, and the `air` of its first session."""
-        self._session, self._work = session, session.work
+        self._session, self._work, self._rules = session, session.work, session.work.rules
         self._log, self._gate, self._run_state = session.log, session.gate, session.run_state
         self._beam = Beam(session, starts)
         self._shots = ShotTaker(session, self._beam, NestPointer(session, kept.kept))
@@ -68,10 +68,10 @@ class Engine:
         self._plan = groups(session.work.steps)
         self._first_drift_mm = kept.first_drift_mm()
         """Point of the first drift shot of each reflector."""
-        self._air = TemperatureMonitor(self._work.gate.temperature_change_degC, air)
+        self._air = TemperatureMonitor(self._rules.gate.temperature_change_degC, air)
         planned = [step.planned for step in self._work.steps]
         kinematics = self._work.robot.kinematics
-        self._station = StationMonitor(self._work.station, kinematics, planned)
+        self._station = StationMonitor(self._rules.station, kinematics, planned)
         self._references: tuple[ReferencePose, ...] = ()
         self._deferred: list[Group] = []
         self._failed_in_a_row = 0
@@ -154,7 +154,7 @@ class Engine:
         while pending:
             group, *others = pending
             pending = tuple(others)
-            attempts = 1 if is_last_try else self._work.gate.attempts
+            attempts = 1 if is_last_try else self._rules.gate.attempts
             match self._shots.retry(partial(self._measure_group, group), attempts):
                 case Accepted():
                     self._failed_in_a_row = 0
@@ -225,7 +225,7 @@ class Engine:
         """
         # The gate cannot see a slow drift: its limits are millimetres, and its fit follows the
         # latest shots. The first drift shot of the series counts, also if another session took it.
-        point_mm, limit_mm = outcome.point_in_tracker_mm, self._work.gate.drift_mm
+        point_mm, limit_mm = outcome.point_in_tracker_mm, self._rules.gate.drift_mm
         if outcome.reflector not in self._first_drift_mm:
             self._first_drift_mm[outcome.reflector] = point_mm
             return None

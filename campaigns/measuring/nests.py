@@ -25,12 +25,13 @@ class NestPointer:
 
     def __init__(self, session: Session, kept: Iterable[AcceptedShot]) -> None:
         self._session, self._tracker = session, session.cell.tracker
-        self._nests = {nest.name: nest for nest in session.work.nests}
+        self._rules = session.work.rules
+        self._nests = {nest.name: nest for nest in self._rules.nests}
         taken = sorted((shot for shot in kept if shot.intent.nest), key=lambda shot: shot.number)
         points = [(shot.intent.nest, shot.outcome.point_in_tracker_mm) for shot in taken]
         # A dict keeps the last of equal keys: the first point of each nest, and its latest one.
         self._first_mm, self._latest_mm = dict(reversed(points)), dict(points)
-        self._reflector = session.work.reflector
+        self._reflector = self._rules.reflector
         """Name of the reflector that the tracker is set to now."""
         self._robot_mm: Vector3 | None = None
         """Point towards which the beam pointed before it left the robot."""
@@ -46,7 +47,7 @@ class NestPointer:
             return
         if self._is_borrowed:
             self._ask("put the reflector back onto the robot")
-        self._use(self._session.work.reflector)
+        self._use(self._rules.reflector)
         self._is_away = self._is_borrowed = False
         joints = self._session.cell.robot.state().joints
         robot_mm = self._session.gate.expected_point_mm(joints) or self._robot_mm
@@ -77,17 +78,17 @@ class NestPointer:
 
         Raise `BeamBroken` if there is none, and `GateRefused` if no one puts a reflector there.
         """
-        nest, work = self._nests[name], self._session.work
+        nest, far_mm = self._nests[name], self._rules.search_mm
         place_mm = self._latest_mm.get(name, nest.place_mm)
         if not self._is_away and (direction := self._tracker.direction()) is not None:
             x, y, z = direction
-            self._robot_mm = x * work.search_mm, y * work.search_mm, z * work.search_mm
+            self._robot_mm = x * far_mm, y * far_mm, z * far_mm
         self._is_away = True
-        self._use(nest.reflector or work.reflector)
+        self._use(nest.reflector or self._rules.reflector)
         if not nest.occupied:
             # With the robot's type of reflector it is taken for the robot's own: asking the
             # operator once too often is harmless, a robot that moves without its reflector is not.
-            self._is_borrowed |= self._reflector == work.reflector
+            self._is_borrowed |= self._reflector == self._rules.reflector
             self._ask(f"put the reflector into nest {name}")
         if place_mm is None:
             self._ask(f"point the beam at the reflector in nest {name}")
@@ -101,7 +102,7 @@ class NestPointer:
     def _use(self, reflector: str) -> None:
         """Set the tracker to a reflector, whose constant it adds to distances."""
         if reflector != self._reflector:
-            self._tracker.prepare(reflector, self._session.work.measuring_time_s)
+            self._tracker.prepare(reflector, self._rules.measuring_time_s)
             self._reflector = reflector
 
     def _ask(self, what: str) -> None:

@@ -19,7 +19,7 @@ class ReflectorCarrier:
     """Changes the reflector that is measured while the robot stands still."""
 
     def __init__(self, session: Session) -> None:
-        self._session, self._gate = session, session.gate
+        self._session, self._gate, self._rules = session, session.gate, session.work.rules
         self._tracker = session.cell.tracker
 
     def bring(self, reflector: str) -> None:
@@ -47,7 +47,7 @@ class ReflectorCarrier:
     def _place_mm(self, joints: tuple[float, ...], reflector: str) -> Vector3 | None:
         """Return where a reflector should be, to some cm; None: unknown."""
         predicted = self._gate.predict(joints, reflector)
-        if predicted is None or predicted[1] > self._session.work.gate.distance_mm:
+        if predicted is None or predicted[1] > self._rules.gate.distance_mm:
             return None
         return vector(predicted[0])
 

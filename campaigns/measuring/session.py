@@ -168,8 +168,8 @@ def _make_session(
     """Return a session whose display and gate begin with the shots that the series has."""
     done, total = len(kept), len(work.steps)
     run_state = RunState(observer, done=done, total=total, goal_mm=work.goal_mm)
-    speed, stop_requested = work.speed_fraction, wishes.stop_requested
-    mover = Mover(cell.robot, cell.clock, speed, work.settle, work.robot, stop_requested)
+    speed, stop_requested = work.rules.speed_fraction, wishes.stop_requested
+    mover = Mover(cell.robot, cell.clock, speed, work.rules.settle, work.robot, stop_requested)
     gate = work.gate_after(kept)
     gate.reflector = log.reflector
     return Session(cell, work, log, run_state, gate, mover, wishes)

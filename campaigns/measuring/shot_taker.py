@@ -49,7 +49,7 @@ class ShotTaker:
     """Measures single shots of one series, and writes how each attempt ended."""
 
     def __init__(self, session: Session, beam: Beam, nests: NestPointer) -> None:
-        self._session = session
+        self._session, self._rules = session, session.work.rules
         self._log, self._run_state = session.log, session.run_state
         self._beam = beam
         self._carrier = ReflectorCarrier(session)
@@ -62,7 +62,7 @@ class ShotTaker:
         # Only failures of this pose count against the attempts. A broken beam does not at first: it
         # was waited for, and is back. A reflector that was never seen here counts only if it is
         # visible at once from the pose before: then the beam is in order, and this pose is hidden.
-        attempts = allowed or self._session.work.gate.attempts
+        attempts = allowed or self._rules.gate.attempts
         failures = breaks = 0
         while True:
             result = attempt()
@@ -119,7 +119,7 @@ class ShotTaker:
 
     def accept_nest(self, nest: str, outcome: Outcome) -> None:
         """Write a nest's outcome, which counts; raise `GateRefused` for another reflector."""
-        limit_mm = self._session.work.gate.drift_mm
+        limit_mm = self._rules.gate.drift_mm
         try:
             moved_mm = self.nests.moved_mm(nest, outcome)
         except GateRefused as error:

@@ -50,7 +50,7 @@ def measure_change(
         return ""
     if len(again) < FEWEST_POSES:
         moved_mm = dist(then[0].point_in_tracker_mm, again[0].point_in_tracker_mm)
-        limit_mm = session.work.gate.drift_mm
+        limit_mm = session.work.rules.gate.drift_mm
         has_changed = moved_mm > limit_mm
         text = f"shot {again[0].shot}: {drift_text(f'{when} the pose is', moved_mm, limit_mm)}"
     else:
@@ -83,7 +83,7 @@ def _measure_again(
     if isinstance(result, Accepted):  # a refused one has been written as rejected already
         reason = f"only compared with the first one, {away_mm:.3f} mm away"
         shots.compare_only(result.outcome, reason)
-    elif away_mm > session.work.gate.distance_mm:
+    elif away_mm > session.work.rules.gate.distance_mm:
         raise failure_of(result)
     return result.outcome
 

@@ -33,7 +33,7 @@ class Suspects:
         void_shot: Callable[[Outcome, str], Group],
     ) -> None:
         """`void_shot` voids a shot for a reason, and returns its group, () if the plan has none."""
-        self._work, self._gate = session.work, session.gate
+        self._work, self._rules, self._gate = session.work, session.work.rules, session.gate
         self._shots, self._beam, self._void_shot = shots, beam, void_shot
         self._compared: set[int] = set()
         """Earlier shots that were measured again to compare them."""
@@ -65,7 +65,7 @@ class Suspects:
         this shot have not helped.
         """
         shot = refused.outcome.shot
-        if refused.relocked or self._looked_back[shot] >= self._work.gate.attempts - 1:
+        if refused.relocked or self._looked_back[shot] >= self._rules.gate.attempts - 1:
             return False
         self._looked_back[shot] += 1
         return self._beam.look_back()

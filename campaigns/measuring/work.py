@@ -1,7 +1,8 @@
 """Work of a session: the steps to measure and their rules, and what all parts of a run share.
 
-`Devices` is the outside (devices, time, operator), `Work` the task, which is fixed before the run,
-and `Session` both together with the state that changes while it is carried out.
+`Devices` is the outside (devices, time, operator), `Work` the task, which is fixed before the run
+with the `Rules` of the campaign, and `Session` all of it together with the state that changes while
+it is carried out.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -106,9 +107,34 @@ class Devices:
         return self.ask(f"the robot stands still: {task}, and stand clear. Done?")
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Rules:
+    """Rules of a campaign's settings, by which all of its work is measured."""
+
+    speed_fraction: float
+    settle: SettleConfig
+    gate: GateConfig
+    search_mm: float
+    """Distance from the tracker of a search while the place of the robot's reflector is unknown."""
+    options: IdentificationOptions
+    """Options of the identification, by which the uncertainty is computed."""
+    look_back_s: float = 60.0
+    """Longest wait for a reflector at a pose where it was never seen."""
+    station: Station | None = None
+    """Place of the tracker by campaign.yaml; None: it is not given."""
+    park: tuple[float, ...] = ()
+    """Joints where the robot is parked; (): the first drift pose, or where the robot stands."""
+    nests: tuple[NestConfig, ...] = ()
+    carriers: Mapping[str, Object] = field(default_factory=dict)
+    """Objects that carry reflectors elsewhere on the platform, by name."""
+    reflector: str = ""
+    """Robot's reflector, by its name in the tracker."""
+    measuring_time_s: float = 1.0
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Work:
-    """Work of a session: the steps to measure, and the rules for them."""
+    """Work of a session: the steps to measure, and what is asked of this time."""
 
     stage: Stage
     steps: tuple[Step, ...]
@@ -116,33 +142,15 @@ class Work:
     robot_file_digest: str
     configuration: Mapping[str, JsonValue]
     robot: RobotModel
-    speed_fraction: float
-    settle: SettleConfig
-    gate: GateConfig
-    search_mm: float
-    """Distance from the tracker of a search while the place of the robot's reflector is unknown."""
-    look_back_s: float = 60.0
-    """Longest wait for a reflector at a pose where it was never seen."""
-    options: IdentificationOptions
-    """Options of the identification, by which the uncertainty is computed."""
-    station: Station | None = None
-    """Place of the tracker by campaign.yaml; None: it is not given."""
+    rules: Rules
     goal_mm: float | None = None
     """Mean 1 σ of positions that ends the identification shots; None: all are measured."""
     skip: frozenset[int] = frozenset()
     """Shots that shall not be measured, nor the other shots of their pairs."""
     override: bool = False
     """Whether to go on although poses have moved since the last session."""
-    park: tuple[float, ...] = ()
-    """Joints where the robot is parked; (): the first drift pose, or where the robot stands."""
     ends_at: tuple[float, ...] = ()
     """Joints where the robot is left at the end; (): where the last shot was taken."""
-    nests: tuple[NestConfig, ...] = ()
-    carriers: Mapping[str, Object] = field(default_factory=dict)
-    """Objects that carry reflectors elsewhere on the platform, by name."""
-    reflector: str = ""
-    """Robot's reflector, by its name in the tracker."""
-    measuring_time_s: float = 1.0
     compared_at_end: bool = False
     """Whether spread poses are measured again at the end of a series that nothing interrupted."""
 
@@ -150,7 +158,7 @@ class Work:
     def park_joints(self) -> tuple[float, ...] | None:
         """Joints where the robot is parked; None: it stays where it stands."""
         drift = (s.planned.joints for s in self.steps if s.planned.purpose is ShotSet.DRIFT)
-        return self.park or next(drift, None)
+        return self.rules.park or next(drift, None)
 
     @property
     def skipped_groups(self) -> tuple[Group, ...]:
@@ -161,7 +169,7 @@ class Work:
     def uncertainty_monitor(self) -> UncertaintyMonitor:
         """Monitor of the uncertainty of positions by shots of this plan."""
         shots = [step.planned for step in self.steps]
-        return UncertaintyMonitor(shots, self.robot, self.options)
+        return UncertaintyMonitor(shots, self.robot, self.rules.options)
 
     def uncertainty_from(self, shots: Iterable[AcceptedShot]) -> PositionUncertainty | None:
         """Fit the accepted shots of a series; return their uncertainty, None for too few."""
@@ -172,23 +180,25 @@ class Work:
 
         With too few shots to estimate the scatter, it is taken for a quarter of the limit of drift.
         """
-        instrument = self.options.instrument
+        instrument = self.rules.options.instrument
         freedom = 0.0 if posterior is None else posterior.freedom
         if posterior is None or freedom < FEWEST_FREEDOM:
-            limit_mm = self.gate.drift_mm
+            limit_mm = self.rules.gate.drift_mm
             return ReferenceNoise(instrument, UNKNOWN_NOISE * limit_mm, limit_mm=limit_mm)
         point_mm, joint = posterior.scatter
-        return ReferenceNoise(instrument, point_mm, joint, freedom, self.gate.drift_mm)
+        return ReferenceNoise(instrument, point_mm, joint, freedom, self.rules.gate.drift_mm)
 
     def gate_after(self, shots: Iterable[AcceptedShot]) -> Gate:
         """Return a gate that rests on these shots alone, with all errors of the robot free."""
         # Errors of the tracker are held at zero: they are far below the limits. Shots of nests have
         # no part in it: they do not measure the robot.
         model = ErrorModel(
-            self.robot.kinematics, TRACKER_SOURCES, group_tolerances=self.options.tolerances
+            self.robot.kinematics, TRACKER_SOURCES, group_tolerances=self.rules.options.tolerances
         )
         accepted = [shot.outcome for shot in shots if not shot.intent.nest]
-        return Gate(model, self.options.instrument, self.gate, accepted, self.carriers)
+        return Gate(
+            model, self.rules.options.instrument, self.rules.gate, accepted, self.rules.carriers
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

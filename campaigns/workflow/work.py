@@ -20,7 +20,7 @@ from campaigns.journal.views import Series
 from campaigns.kinematics.model import Kinematics
 from campaigns.measuring.monitors import Station
 from campaigns.measuring.reflector_places import place_of, seen_at
-from campaigns.measuring.work import Work
+from campaigns.measuring.work import Rules, Work
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_file import plan_digest
 from campaigns.planning.steps import Step
@@ -55,13 +55,7 @@ def engine_work(
     Raise `ConfigInvalid` for a parking place that the robot cannot take.
     """
     robot, config = campaign.robot, campaign.config
-    return Work(
-        stage=stage,
-        steps=steps,
-        plan_digest=plan_digest([step.planned for step in steps], robot.mechanism),
-        robot_file_digest=digest,
-        configuration=config.model_dump(mode="json"),
-        robot=RobotModel(kinematics, robot.limits, campaign.centre, campaign.space),
+    rules = Rules(
         speed_fraction=config.controller.speed_percent / 100.0,
         settle=config.settle,
         gate=config.gate,
@@ -79,6 +73,15 @@ def engine_work(
             config.tracker.acceptance_rad,
             config.validation.centre_mm,
         ),
+    )
+    return Work(
+        stage=stage,
+        steps=steps,
+        plan_digest=plan_digest([step.planned for step in steps], robot.mechanism),
+        robot_file_digest=digest,
+        configuration=config.model_dump(mode="json"),
+        robot=RobotModel(kinematics, robot.limits, campaign.centre, campaign.space),
+        rules=rules,
     )
 
 

@@ -1,6 +1,7 @@
 """Plans of a few shots, and the work that they make for the engine."""
 
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from tested_journal import journal_in
 
 from campaigns.errors import Interrupted
 from campaigns.identification.options import IdentificationOptions
-from campaigns.measuring.work import Work
+from campaigns.measuring.work import Rules, Work
 from campaigns.planning.paths import RobotModel
 from campaigns.planning.plan_check import Pace
 from campaigns.planning.plan_file import PlannedShot, plan_digest
@@ -84,13 +85,17 @@ def work(shots: Sequence[PlannedShot] = TWO_PAIRS, **changes: object) -> Work:
         "robot_file_digest": ROBOT.digest(),
         "configuration": {"name": "test"},
         "robot": OPEN,
+    }
+    rules = {
         "speed_fraction": SPEED_FRACTION,
         "settle": SETTLE,
         "gate": GATE,
         "search_mm": 2500.0,
         "options": OPTIONS,
     }
-    return Work(**(settings | changes))
+    of_rules = {field.name for field in fields(Rules)}
+    rules |= {name: changes.pop(name) for name in of_rules & {*changes}}
+    return Work(**(settings | {"rules": Rules(**rules)} | changes))
 
 
 def commanded_as_pose(shot: PlannedShot, approach: tuple[tuple[float, ...], ...] = ()) -> Step:
