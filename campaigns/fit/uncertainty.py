@@ -245,12 +245,15 @@ def _name_combinations(
     return sorted((word, _named(column, names)) for word, column in columns)
 
 
+# Rows of arms that are alike are equally independent, and rounding would choose between them: a
+# preference of a tenth, shared out over all rows, chooses the first one.
 def _pivots(rows: Array) -> Index:
-    """Return the k most independent rows of a matrix (R, k) of full rank."""
+    """Return the k most independent rows of a matrix (R, k) of full rank, the first of equals."""
     count = rows.shape[1]
     if not count:
         return np.zeros(0, dtype=np.int64)
-    return np.asarray(scipy.linalg.qr(rows.T, pivoting=True, mode="r")[1][:count])
+    preferred = rows * np.linspace(1.0, 0.9, len(rows))[:, None]
+    return np.asarray(scipy.linalg.qr(preferred.T, pivoting=True, mode="r")[1][:count])
 
 
 def _named(column: Array, names: tuple[str, ...]) -> tuple[str, ...]:

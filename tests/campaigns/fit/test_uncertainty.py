@@ -75,6 +75,20 @@ def test_two_combinations_are_named_by_the_fewest_parameters_and_the_trackers_ar
     assert uncertainty.NullDirections.spanned_by(np.zeros((5, 0)), NAMES, np.eye(5)).names == ()
 
 
+def test_of_combinations_as_simple_as_others_rounding_chooses_none():
+    # any two of three parameters can be the ones that the third imitates
+    angles = 2.0 * np.pi * np.arange(3) / 3.0
+    alike, named = np.array([np.cos(angles), np.sin(angles)]).T, set()
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        vectors = np.zeros((5, 2))
+        vectors[:3] = alike @ np.linalg.qr(random.normal(size=(2, 2)))[0]
+        vectors += 1e-6 * random.normal(size=vectors.shape)
+        null = uncertainty.NullDirections.spanned_by(vectors, NAMES, np.eye(5))
+        named.add(null.names)
+    assert named == {(("forearm1_mm", "scale"), ("scale", "upper_arm1_mm"))}
+
+
 def test_what_is_left_without_the_frames_is_the_inverse_of_the_whole_inverse_block():
     rows = np.random.default_rng(4).normal(size=(30, 9))
     information = rows.T @ rows
