@@ -61,8 +61,8 @@ class Gauge:
 
 TRACKER: tuple[Column[TrackerRow], ...] = (
     words("series", lambda row: row.course.name),
-    Column("u of a point, median", lambda row: row.median_mm, "mm", 4),
-    Column("largest", lambda row: row.largest_mm, "mm", 4),
+    Column("median u", lambda row: row.median_mm, "mm", 4),
+    Column("largest u", lambda row: row.largest_mm, "mm", 4),
     words("u from", lambda row: row.source),
     Column("air from", lambda row: (row.course.air_range or (None,))[0], "°C", 2),
     Column("to", lambda row: (row.course.air_range or (None,))[-1], "°C", 2),
