@@ -46,8 +46,7 @@ WELL_BELOW_MM = 100.0
 MOST_INVERSE_ROUNDS = 30
 INVERSE_ERROR_MM = 1e-9
 """Distance of a pose reached from the pose wanted that ends these rounds."""
-GUESSES = ((0.0, 0.0), (0.6, -40.0), (-0.6, -40.0), (0.0, -150.0), (0.9, 60.0), (-0.9, 60.0),
-           (0.0, 150.0))  # fmt: skip
+GUESSES = ((0.0, 0.0), (0.6, -40.0), (-0.6, -40.0), (0.9, 60.0), (-0.9, 60.0))
 """Turns in rad and heights in mm above the usual guess, in the order in which they are tried."""
 
 Row: TypeAlias = tuple[Array, Array, Array]
