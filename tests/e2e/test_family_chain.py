@@ -117,7 +117,7 @@ def assert_files(folder, member):
 def assert_report(path, has_turn):
     page = path.read_text(encoding="utf-8")
     assert page.startswith("<!DOCTYPE html>")
-    assert ("while θ turns" in page or "only θ" in page) == has_turn
+    assert ('<figure id="rotation"' in page) == has_turn
 
 
 @of_members("i4l", "linear-delta")
