@@ -341,11 +341,11 @@ class ValidationJob(Job[validation.Validated]):
         anew: bool = False,
     ) -> None:
         """`held`: the controller's parameters; `objections`: refusals that were overridden."""
-        work, self._notes = validation.validation_work(campaign, held, options)
+        work, _ = validation.validation_work(campaign, held, options)
         preview = run_preview(campaign, validation.seconds_of(campaign, work), work, anew=anew)
         super().__init__(campaign, work, preview, options.retry)
         self.title = f"validate {options.stage}"
-        self._terminal, self._options, self._held = terminal, options, held
+        self._terminal, self._options = terminal, options
         self._unrecorded = [*objections]
 
     def brief(self, devices: DeviceIdentities) -> str:
@@ -360,13 +360,10 @@ class ValidationJob(Job[validation.Validated]):
             validation.record_objections(journal, self._unrecorded)
         self._unrecorded.clear()
         held = cell.robot.read_geometry()
-        if held != self._held:
-            again = validation.validation_work(self.campaign, held, self._options)
-            self.work, self._notes = again
-            self._held = held
-        for note in self._notes:
+        work, notes = validation.validation_work(self.campaign, held, self._options)
+        for note in notes:
             self._terminal.note(f"! {note}", WARNING)
-        return self.work
+        return work
 
     def finish(self, journal: Journal, series: int) -> validation.Validated:
         """Evaluate and judge the series."""

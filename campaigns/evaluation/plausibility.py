@@ -370,7 +370,8 @@ def _refusal_by(readings: Sequence[Reading], where: str) -> ShotsInvalid:
     for of_columns in (False, True):  # many orders of a symmetrical robot fit, and one is enough
         alike = [reading for reading in readings if bool(reading.of_columns) is of_columns]
         if alike:
-            more = ("", " that fits as well", " that fit as well")[min(len(alike) - 1, 2)]
+            fit = "fits" if len(alike) == 2 else "fit"
+            more = f" that {fit} as well" if alike[1:] else ""
             words.append(f"{listed([reading.words for reading in alike], 1)}{more}")
             remedies.append(alike[0].remedy)
     return ShotsInvalid(

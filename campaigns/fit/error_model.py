@@ -40,13 +40,12 @@ from campaigns.fit.rigid_transforms import (
     Transform,
     fit_transform,
     frame_jacobian,
-    rotation_by,
     rotation_vector_rad,
-    rotations_by,
 )
 from campaigns.kinematics.mechanism import Assembly
 from campaigns.kinematics.model import Kinematics
 from campaigns.kinematics.parameters import INNER, Role, Unit
+from campaigns.kinematics.rotations import matrices_of
 
 BY_NAME = "tolerance of "
 """First words of the group of a parameter with a tolerance of its own."""
@@ -450,7 +449,7 @@ class ErrorModel:
         robot = self.robot_at(x, observations, near)
         turns, shifts = frames_of_shots(frames, observations.frame)
         if robot.frame_moves.any():
-            turns = rotations_by(MRAD * robot.frame_moves[:, :3]) @ turns
+            turns = matrices_of(MRAD * robot.frame_moves[:, :3]) @ turns
             shifts = shifts + robot.frame_moves[:, 3:]
         turned = (turns @ robot.assembly.points[..., None])[..., 0]
         by, predicted = turns @ robot.by, turned + shifts
@@ -584,7 +583,7 @@ def moved_frames(frames: tuple[Transform, ...], step: Array) -> tuple[Transform,
     steps = step.reshape(len(frames), 6)
     return tuple(
         Transform(
-            rotation_by(MRAD * of_frame[:3]) @ frame.rotation, frame.translation_mm + of_frame[3:]
+            matrices_of(MRAD * of_frame[:3]) @ frame.rotation, frame.translation_mm + of_frame[3:]
         )
         for frame, of_frame in zip(frames, steps, strict=True)
     )

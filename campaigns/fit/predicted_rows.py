@@ -20,10 +20,11 @@ from campaigns.fit.error_sources import (
     tracker_columns,
 )
 from campaigns.fit.kinds import Block, Bodies, Differentiated, differentiate
-from campaigns.fit.rigid_transforms import MRAD, Transform, rotations_by
+from campaigns.fit.rigid_transforms import MRAD, Transform
 from campaigns.fit.slots import Slot
 from campaigns.kinematics.axes import Axis
 from campaigns.kinematics.model import Kinematics
+from campaigns.kinematics.rotations import matrices_of
 
 if TYPE_CHECKING:
     from campaigns.fit.error_model import ErrorModel, Observations
@@ -164,7 +165,7 @@ def _frames_of(block: Block, frames: tuple[Transform, ...], moves: Array) -> tup
         raise ValueError(f"no points place the tracker's frame of {block.name}")
     turns = np.stack([frame.rotation for frame in frames])[block.frame]
     shifts = np.stack([frame.translation_mm for frame in frames])[block.frame]
-    return rotations_by(MRAD * moves[:, :3]) @ turns, shifts + moves[:, 3:]
+    return matrices_of(MRAD * moves[:, :3]) @ turns, shifts + moves[:, 3:]
 
 
 # Bodies at one shot share the robot's scatter: their derivatives add before they are squared.

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.arrays import Array, Index
+from campaigns.kinematics.rotations import matrices_of
 
 MRAD = 1e-3
 LINE_TOLERANCE = 1e-9
@@ -81,11 +82,6 @@ def frame_jacobian(points_mm: Array) -> Array:
     return columns
 
 
-def rotation_by(vector_rad: Array) -> Array:
-    """Return the matrix (3, 3) of a rotation vector (3,)."""
-    return np.asarray(rotations_by(vector_rad[None])[0])
-
-
 # With the axis n and the angle φ, the elements across the diagonal differ by 2 sin φ n, and R + R'
 # is 2 cos φ + 2 (1 - cos φ) n n'. The first gives the vector of up to a quarter of a turn; half a
 # turn has no sine, but there the longest column of n n' has the axis, whose sign the sine decides.
@@ -101,19 +97,6 @@ def rotation_vector_rad(rotation: Array) -> Array:
     axis = columns[:, np.argmax(np.diag(columns))]
     axis = axis * (-1.0 if axis @ twice_sine < 0.0 else 1.0)
     return np.asarray(angle * axis / np.linalg.norm(axis))
-
-
-# Rodrigues' formula R = 1 + sin φ [n] + (1 - cos φ) [n]², with sin φ / φ and (1 - cos φ) / φ² as
-# functions that are regular at φ = 0.
-def rotations_by(vectors_rad: Array) -> Array:
-    """Return the matrices (N, 3, 3) of rotation vectors (N, 3)."""
-    angle = np.linalg.norm(vectors_rad, axis=1)[:, None, None]
-    cross = np.zeros((len(vectors_rad), 3, 3))
-    x, y, z = vectors_rad.T
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
-    cross -= cross.swapaxes(1, 2)
-    half = np.sinc(0.5 * angle / np.pi)
-    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * half**2 * cross @ cross)
 
 
 def paper_angles_rad(transform: Transform) -> Array:
@@ -134,7 +117,7 @@ def paper_angles_rad(transform: Transform) -> Array:
 
 def from_paper_angles(angles_rad: Array, translation_mm: Array) -> Transform:
     """Return R(z, φ) R(y, γ) R(x, ψ) with a translation (paper eqs. 22 and 23), from (3,) each."""
-    z, y, x = rotations_by(np.diag(angles_rad)[:, ::-1])
+    z, y, x = matrices_of(np.diag(angles_rad)[:, ::-1])
     return Transform(z @ y @ x, translation_mm)
 
 

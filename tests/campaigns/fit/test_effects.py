@@ -18,7 +18,8 @@ from campaigns.fit.effects import (
 )
 from campaigns.fit.error_model import Observations, moved_frames
 from campaigns.fit.events import candidate_parts
-from campaigns.fit.rigid_transforms import Transform, rotation_by
+from campaigns.fit.rigid_transforms import Transform
+from campaigns.kinematics.rotations import matrices_of
 
 USUAL_RAD = 1e-3
 
@@ -115,7 +116,7 @@ def test_a_bump_of_the_frame_turns_and_shifts_the_points_behind_it():
     changed = model.with_effects((step,))
     x, z = np.zeros(len(model.names)), np.array([3.0, 0.0, -2.0, 5.0, 1.0, 0.0])
     predicted = changed.predict(np.r_[x, z], (FRAME,), observations, observations.near).residual
-    turn = rotation_by(1e-3 * TURN_MRAD * z[:3])
+    turn = matrices_of(1e-3 * TURN_MRAD * z[:3])
     frame = Transform(turn @ FRAME.rotation, FRAME.translation_mm + 0.2 * z[3:])
     behind = model.predict(x, (frame,), observations, observations.near).residual
     before = model.predict(x, (FRAME,), observations, observations.near).residual

@@ -17,7 +17,8 @@ from campaigns.fit.error_model import (
     shift_points,
 )
 from campaigns.fit.error_sources import tolerance_of, tracker_columns
-from campaigns.fit.rigid_transforms import Transform, rotation_by
+from campaigns.fit.rigid_transforms import Transform
+from campaigns.kinematics.rotations import matrices_of
 
 DEG = np.pi / 180.0
 
@@ -249,7 +250,7 @@ def test_a_moved_frame_moves_points_as_its_columns_do():
     turned = points @ FRAME.rotation.T
     difference = moved.apply(points) - FRAME.apply(points)
     assert difference == pytest.approx(frame_columns(turned) @ step[6:], abs=5e-3)
-    assert moved.rotation == pytest.approx(rotation_by(1e-3 * step[6:9]) @ FRAME.rotation)
+    assert moved.rotation == pytest.approx(matrices_of(1e-3 * step[6:9]) @ FRAME.rotation)
 
 
 def test_points_are_shifted_and_tilts_stay():

@@ -11,9 +11,9 @@ from campaigns.fit.rigid_transforms import (
     fit_transform,
     from_paper_angles,
     paper_angles_rad,
-    rotation_by,
     rotation_vector_rad,
 )
+from campaigns.kinematics.rotations import matrices_of
 
 ANGLE = st.floats(-np.pi, np.pi)
 PLACE_MM = st.floats(-5000.0, 5000.0)
@@ -76,7 +76,7 @@ def test_points_on_a_line_fix_no_frame(points):
 def test_turns_up_to_half_a_turn_are_those_of_scipy(angle, seed):
     axis = np.random.default_rng(seed).normal(size=3)
     rotation = Rotation.from_rotvec(vector := angle * axis / np.linalg.norm(axis))
-    assert np.abs(rotation_by(vector) - rotation.as_matrix()).max() < 4e-15
+    assert np.abs(matrices_of(vector) - rotation.as_matrix()).max() < 4e-15
     again = rotation_vector_rad(rotation.as_matrix())
     assert (Rotation.from_rotvec(again) * rotation.inv()).magnitude() < 4e-15
     assert np.linalg.norm(again) <= np.pi

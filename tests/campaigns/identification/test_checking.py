@@ -12,7 +12,7 @@ from campaigns.errors import IdentificationRefused
 from campaigns.evaluation.decision import coverage_factor
 from campaigns.fit.events import visible_changes
 from campaigns.fit.fit import Prior
-from campaigns.fit.rigid_transforms import Transform, from_paper_angles, rotation_by
+from campaigns.fit.rigid_transforms import Transform, from_paper_angles
 from campaigns.identification.checking import (
     CheckResult,
     Misfit,
@@ -24,6 +24,7 @@ from campaigns.identification.checking import (
 )
 from campaigns.identification.identify import identify, update
 from campaigns.identification.options import IdentificationOptions
+from campaigns.kinematics.rotations import matrices_of
 
 ELSEWHERE = from_paper_angles(np.array([0.01, 0.02, 0.8]), np.array([300.0, 900.0, 20.0]))
 
@@ -132,7 +133,7 @@ def again(former, *, stand_mm=0.0, encoder_deg=0.0, part=0, seed=1):
     points = campaign.truth.positions(shots.joints, shots.commanded, shots.approach)
     campaign.truth.encoder_shift[part] = 0.0
     shift, turn = (v / np.linalg.norm(v) for v in rng.standard_normal((2, 3)))
-    moved = Transform(rotation_by(1e-3 * stand_mm / 3.0 * turn), stand_mm * shift)
+    moved = Transform(matrices_of(1e-3 * stand_mm / 3.0 * turn), stand_mm * shift)
     seen = TRACKER_FROM_BASE.apply(points)
     now = moved.apply(seen) + 0.01 * rng.standard_normal(seen.shape)
     motion_mm = float(np.linalg.norm(moved.apply(seen) - seen, axis=1).max())
